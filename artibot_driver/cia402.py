@@ -24,7 +24,7 @@ class Pattern(NamedTuple):
         return word & self.mask == self.value
 
 
-class State(enum.Enum):
+class DriveState(enum.Enum):
     """State of a drive, with the statusword pattern that reports it; the standard's names."""
 
     NOT_READY_TO_SWITCH_ON = Pattern(0x4F, 0x00)
@@ -62,7 +62,7 @@ class Command(enum.Enum):
         return self.name.lower().replace("_", " ")
 
 
-class Event(enum.Enum):
+class DriveEvent(enum.Enum):
     """What happens inside a drive, without a command."""
 
     INITIALISED = "self-test and initialisation done"
@@ -75,15 +75,15 @@ class Transition(NamedTuple):
     """One arrow of the state machine: its number in the standard, its ends, and what triggers it."""
 
     number: int
-    start: State
-    end: State
-    triggers: tuple[Command | Event, ...]
+    start: DriveState
+    end: DriveState
+    triggers: tuple[Command | DriveEvent, ...]
     needs_hold: bool = False
     """Only where the quick stop option code (605Ah, 5 to 8) keeps the drive in quick stop active."""
 
 
-_S, _C, _E = State, Command, Event
-_ENABLED_OR_BEFORE = tuple(state for state in State if state not in (_S.FAULT_REACTION_ACTIVE, _S.FAULT))
+_S, _C, _E = DriveState, Command, DriveEvent
+_ENABLED_OR_BEFORE = tuple(state for state in DriveState if state not in (_S.FAULT_REACTION_ACTIVE, _S.FAULT))
 
 TRANSITIONS: Final = (
     # 0 is power on, into NOT_READY_TO_SWITCH_ON: it has no start
@@ -110,10 +110,10 @@ TRANSITIONS: Final = (
 _BY_TRIGGER = {(row.start, trigger): row for row in TRANSITIONS for trigger in row.triggers}
 
 _STATE_BITS = 0x6F
-_STATES = tuple(next((s for s in State if s.value.matches(word)), None) for word in range(_STATE_BITS + 1))
+_STATES = tuple(next((s for s in DriveState if s.value.matches(word)), None) for word in range(_STATE_BITS + 1))
 
 
-def state_of(statusword: int) -> State | None:
+def state_of(statusword: int) -> DriveState | None:
     """The state that a statusword (6041h) reports, or None for bits that no state has."""
     return _STATES[statusword & _STATE_BITS]
 
@@ -138,7 +138,7 @@ def command_of(controlword: int, previous: int = 0) -> Command | None:
     return None
 
 
-def transition(state: State, trigger: Command | Event | None, *, holds: bool = False) -> Transition | None:
+def transition(state: DriveState, trigger: Command | DriveEvent | None, *, holds: bool = False) -> Transition | None:
     """The one transition that `trigger` makes a drive in `state` take, or None where it stays.
 
     A drive asks once more with the same controlword after each transition: enable operation leads from ready to
@@ -152,32 +152,32 @@ def transition(state: State, trigger: Command | Event | None, *, holds: bool = F
     if trigger is None:
         return None
     found = _BY_TRIGGER.get((state, trigger))
-    if found is None or (found.needs_hold and not holds) or (holds and trigger is Event.QUICK_STOP_DONE):
+    if found is None or (found.needs_hold and not holds) or (holds and trigger is DriveEvent.QUICK_STOP_DONE):
         return None
     return found
 
 
 TARGETS: Final = (
-    State.SWITCH_ON_DISABLED,
-    State.READY_TO_SWITCH_ON,
-    State.SWITCHED_ON,
-    State.OPERATION_ENABLED,
-    State.QUICK_STOP_ACTIVE,
+    DriveState.SWITCH_ON_DISABLED,
+    DriveState.READY_TO_SWITCH_ON,
+    DriveState.SWITCHED_ON,
+    DriveState.OPERATION_ENABLED,
+    DriveState.QUICK_STOP_ACTIVE,
 )
 """States that a master can ask for."""
 
 _HOLDING: Final = {
-    State.SWITCH_ON_DISABLED: Command.DISABLE_VOLTAGE,
-    State.READY_TO_SWITCH_ON: Command.SHUTDOWN,
-    State.SWITCHED_ON: Command.SWITCH_ON,
-    State.OPERATION_ENABLED: Command.ENABLE_OPERATION,
-    State.QUICK_STOP_ACTIVE: Command.QUICK_STOP,
+    DriveState.SWITCH_ON_DISABLED: Command.DISABLE_VOLTAGE,
+    DriveState.READY_TO_SWITCH_ON: Command.SHUTDOWN,
+    DriveState.SWITCHED_ON: Command.SWITCH_ON,
+    DriveState.OPERATION_ENABLED: Command.ENABLE_OPERATION,
+    DriveState.QUICK_STOP_ACTIVE: Command.QUICK_STOP,
 }
 """Command that keeps a drive in a state (and cannot lead it nearer to operation than that)."""
 
 
 @lru_cache(maxsize=256)
-def next_command(state: State, target: State, *, reset_faults: bool = False) -> Command:
+def next_command(state: DriveState, target: DriveState, *, reset_faults: bool = False) -> Command:
     """The command for the next step from `state` to `target`, or the one that holds it there.
 
     Operation is never enabled on the way to another state: a quick stop asked of a drive that is not enabled removes
@@ -199,7 +199,7 @@ def next_command(state: State, target: State, *, reset_faults: bool = False) -> 
     if state is target:
         return _HOLDING[target]
     barred = () if reset_faults else (Command.FAULT_RESET,)
-    queue: deque[tuple[State, Command | None]] = deque([(state, None)])
+    queue: deque[tuple[DriveState, Command | None]] = deque([(state, None)])
     seen = {state}
     while queue:
         here, first = queue.popleft()
@@ -208,20 +208,20 @@ def next_command(state: State, target: State, *, reset_faults: bool = False) -> 
                 continue
             if end is target:
                 return first or command
-            if end not in seen and end not in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE):
+            if end not in seen and end not in (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE):
                 seen.add(end)
                 queue.append((end, first or command))
-    return Command.QUICK_STOP if target is State.QUICK_STOP_ACTIVE else Command.DISABLE_VOLTAGE
+    return Command.QUICK_STOP if target is DriveState.QUICK_STOP_ACTIVE else Command.DISABLE_VOLTAGE
 
 
-def _commanded(state: State) -> Iterator[tuple[Command, State]]:
+def _commanded(state: DriveState) -> Iterator[tuple[Command, DriveState]]:
     for row in TRANSITIONS:
         for trigger in row.triggers:
             if row.start is state and isinstance(trigger, Command) and not row.needs_hold:
                 yield trigger, row.end
 
 
-def controlword_for(state: State, target: State, previous: int = 0, *, reset_faults: bool = False) -> int:
+def controlword_for(state: DriveState, target: DriveState, previous: int = 0, *, reset_faults: bool = False) -> int:
     """The controlword to send next to lead a drive from `state` to `target`.
 
     Parameters
@@ -258,12 +258,12 @@ HALT: Final = 1 << 8
 """Controlword bit: slow down and stop, in the profile modes."""
 
 
-def statusword(state: State, bits: int = 0) -> int:
+def statusword(state: DriveState, bits: int = 0) -> int:
     """A statusword that reports `state`, with further bits of :class:`StatusBit`."""
     word = state.value.value
-    if state is State.FAULT_REACTION_ACTIVE or state is State.NOT_READY_TO_SWITCH_ON:
+    if state is DriveState.FAULT_REACTION_ACTIVE or state is DriveState.NOT_READY_TO_SWITCH_ON:
         return word | bits & ~_STATE_BITS
-    no_quick_stop = 0 if state is State.QUICK_STOP_ACTIVE else 1 << 5
+    no_quick_stop = 0 if state is DriveState.QUICK_STOP_ACTIVE else 1 << 5
     return word | no_quick_stop | bits & ~_STATE_BITS
 
 

@@ -17,7 +17,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 from artibot_driver.bus import read_error_classes
 from artibot_driver.cia402 import OperationMode, command_of, state_of
 from artibot_driver.dictionary import FORMATS, identifier_name
-from artibot_driver.frames import Emcy, Heartbeat, Malformed, Nmt, Sdo, Sync, Unknown, error_text, register_text
+from artibot_driver.frames import Emcy, Heartbeat, Malformed, Nmt, Sdo, Sync, UnknownFrame, error_text, register_text
 from artibot_driver.pdo import Pdo
 from artibot_driver.rig import Rig
 
@@ -121,7 +121,7 @@ class Explainer:
         found = self.rig.codec.decode(frame.can_id, frame.data)
         if isinstance(found, Pdo):
             return self._pdo(found)
-        if isinstance(found, Unknown):
+        if isinstance(found, UnknownFrame):
             return Explained("other", NOBODY, None, "frame", (), found.reason)
         if isinstance(found, Malformed):
             number = found.node or None

@@ -257,7 +257,7 @@ class Sdo:
     data: bytes
 
 
-class Unknown(NamedTuple):
+class UnknownFrame(NamedTuple):
     """A frame that is none of ours."""
 
     reason: str

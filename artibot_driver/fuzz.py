@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from artibot_driver.cia402 import TRANSITIONS, State, controlword_for
+from artibot_driver.cia402 import TRANSITIONS, DriveState, controlword_for
 from artibot_driver.config import config_from_parameters
 from artibot_driver.frames import Frame, NmtCommand, nmt
 from artibot_driver.rig import Rig, load_rig
@@ -127,7 +127,7 @@ class _Noted(SimulatedDrive):
 
     def _note(self, state: object) -> None:
         changes: Counter[str] = self.__dict__.setdefault("changes", Counter())
-        if state is State.NOT_READY_TO_SWITCH_ON:
+        if state is DriveState.NOT_READY_TO_SWITCH_ON:
             changes["0"] += 1
             return
         numbers = [row.number for row in TRANSITIONS if (row.start, row.end) == (self.state, state)]
@@ -146,7 +146,7 @@ class _Enabler:
 
     def lead(self, drive: DriveUnderTest) -> None:
         """One round: start the node, set its mode, send the next controlword."""
-        self._word = controlword_for(drive.drive.state, State.OPERATION_ENABLED, self._word, reset_faults=True)
+        self._word = controlword_for(drive.drive.state, DriveState.OPERATION_ENABLED, self._word, reset_faults=True)
         rpdo = self._codec.pdo("RPDO1", self._node, (self._word, 1_000_000, 0))
         setting = Frame(0x600 + self._node, self._mode)
         for frame in (nmt(NmtCommand.START, self._node), setting, rpdo, self._codec.sync()):

@@ -1,7 +1,7 @@
 """Frames ↔ what they mean: PDOs through the drives' object dictionary, and CiA 301's services around them.
 
 :meth:`Codec.decode` takes any frame that a bus can carry and never raises: what is none of ours is
-:class:`Unknown`, what ours should look like and does not is :class:`Malformed`, with the reason.
+:class:`UnknownFrame`, what ours should look like and does not is :class:`Malformed`, with the reason.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from canopen.objectdictionary import ObjectDictionary
 
 from artibot_driver import frames
 from artibot_driver.dictionary import PdoMap, pdo_maps
-from artibot_driver.frames import Frame, Malformed, Service, Unknown
+from artibot_driver.frames import Frame, Malformed, Service, UnknownFrame
 from artibot_sim.errors import ArtibotError
 
 
@@ -33,7 +33,7 @@ class Pdo(NamedTuple):
 Decoded = Pdo | Service
 
 
-class Message(Protocol):
+class FrameMessage(Protocol):
     """What is asked of a frame; python-can's Message has it."""
 
     arbitration_id: int
@@ -89,20 +89,20 @@ class Codec:
         """Whether a data frame with this 11-bit identifier is one of ours."""
         return can_id in self._readers
 
-    def decode(self, can_id: int, data: bytes) -> Decoded | Unknown | Malformed:
+    def decode(self, can_id: int, data: bytes) -> Decoded | UnknownFrame | Malformed:
         """What a data frame with an 11-bit identifier says; never raises."""
         reader = self._readers.get(can_id)
         if reader is None:
-            return Unknown(f"identifier {can_id:#05x} is none of ours")
+            return UnknownFrame(f"identifier {can_id:#05x} is none of ours")
         return reader(data)
 
-    def decode_message(self, message: Message) -> Decoded | Unknown | Malformed:
+    def decode_message(self, message: FrameMessage) -> Decoded | UnknownFrame | Malformed:
         """What any frame says, also an extended, remote, CAN FD or error frame; never raises."""
         if message.is_error_frame:
-            return Unknown("error frame")
+            return UnknownFrame("error frame")
         if message.is_extended_id or message.is_remote_frame or message.is_fd:
             kind = "extended" if message.is_extended_id else "remote" if message.is_remote_frame else "CAN FD"
-            return Unknown(f"{kind} frame {message.arbitration_id:#05x}; CANopen has only plain ones")
+            return UnknownFrame(f"{kind} frame {message.arbitration_id:#05x}; CANopen has only plain ones")
         return self.decode(message.arbitration_id, bytes(message.data))
 
     def pdo(self, name: str, node: int, values: Sequence[int] | Mapping[str, int]) -> Frame:

@@ -23,7 +23,7 @@ class Key(NamedTuple):
 
 
 @dataclass
-class Series:
+class FrameCount:
     """Frames of one identifier: how many, first and last stamp and the longest time between two of them, ns."""
 
     count: int
@@ -49,7 +49,7 @@ class Traffic:
     """
 
     def __init__(self) -> None:
-        self.series: dict[Key, Series] = {}
+        self.series: dict[Key, FrameCount] = {}
         self.bits = self.busiest = self.count = 0
         self._first_ns = self._last_ns = 0
         self._second = self._bits_of_second = 0
@@ -69,7 +69,7 @@ class Traffic:
         self.busiest = max(self.busiest, self._bits_of_second)
         known = self.series.get(key)
         if known is None:
-            self.series[key] = Series(1, stamp_ns, stamp_ns, bits=bits)
+            self.series[key] = FrameCount(1, stamp_ns, stamp_ns, bits=bits)
             return
         known.longest_ns = max(known.longest_ns, stamp_ns - known.last_ns)
         known.last_ns = max(known.last_ns, stamp_ns)
@@ -85,7 +85,7 @@ class Traffic:
         """Return the shares of a bus's bits that were taken: on average, and in the busiest second."""
         return self.bits / (bitrate * max(self.seconds, 1.0)), self.busiest / bitrate
 
-    def in_order(self) -> Iterator[tuple[Key, Series]]:
+    def in_order(self) -> Iterator[tuple[Key, FrameCount]]:
         """Identifiers and their frames, those of the highest priority first."""
         yield from sorted(self.series.items())
 

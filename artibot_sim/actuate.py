@@ -13,8 +13,8 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.metrics import position_error, yaw_error
 from artibot_sim.model import Robot, Status, initial_state
 from artibot_sim.model.kernels.layout import GAMMA, MOTOR_COORDINATES
-from artibot_sim.model.simulate.stepper import Stepper, Turn
-from artibot_sim.planning import Plan, Sample
+from artibot_sim.model.simulate.stepper import MotorCommand, Stepper
+from artibot_sim.planning import Plan, PlanSample
 from artibot_sim.report import style
 from artibot_sim.report.panels import Line, Panel
 from artibot_sim.reproduce.result import PLANNED, TIME, Sheet, curve, panel
@@ -36,14 +36,14 @@ _MOTORS = list(MOTOR_COORDINATES)
 
 
 @dataclass(frozen=True, eq=False)
-class Actuation:
+class TrajectoryRun:
     """What a law made of a trajectory: rows every `CYCLE`.
 
     Attributes
     ----------
     law : Law
     plan : Plan
-    planned : Sample
+    planned : PlanSample
         The plan at `t`.
     t : array, shape (n,), s
     pose : array, shape (n, 3)
@@ -54,7 +54,7 @@ class Actuation:
 
     law: Law
     plan: Plan
-    planned: Sample
+    planned: PlanSample
     t: Array
     pose: Array
     velocity: Array
@@ -101,7 +101,7 @@ def _peak(torque: Array) -> float:
 
 def actuate(
     robot: Robot, plan: Plan, law: Law, *, limited: bool = False, progress: Callable[[float], None] | None = None
-) -> Actuation:
+) -> TrajectoryRun:
     """Drive a plan under a law.
 
     The front motors' velocity loops follow the plan and the back motors get the law's torques, both set once a
@@ -136,15 +136,15 @@ def actuate(
         right, left = speed[k].tolist()
         measured = (float(stepper.torque[0]), float(stepper.torque[1]))
         back = _checked(law, law.torques(robot, Cycle((right, left), measured, back, robot.control.kappa)))
-        front = [Turn((float(a), float(b))) for a, b in speed[k : k + 2].T]
-        turns = (front[0], front[1], Turn(torque=back[0]), Turn(torque=back[1]))
+        front = [MotorCommand((float(a), float(b))) for a, b in speed[k : k + 2].T]
+        turns = (front[0], front[1], MotorCommand(torque=back[0]), MotorCommand(torque=back[1]))
         if stepper.advance(round(CYCLE / STEP), turns) is not Status.OK:
             raise ArtibotError(f"law {law}: the simulation {stepper.message}; it may feed back too strongly")
         rows.append(_row(stepper))
         if progress is not None and k % 100 == 0:
             progress(k / count)
     pose, velocity, torque = (np.array(part) for part in zip(*rows, strict=True))
-    return Actuation(law, plan, plan.at(t), t, pose, velocity, torque)
+    return TrajectoryRun(law, plan, plan.at(t), t, pose, velocity, torque)
 
 
 def _integrator(robot: Robot) -> str:
@@ -177,13 +177,13 @@ def _checked(law: Law, torques: tuple[float, float]) -> tuple[float, float]:
 # ----------------------------------------------------------------------
 
 
-def sheet(found: Sequence[Actuation], robot: str, manoeuvre: str) -> Sheet:
+def sheet(found: Sequence[TrajectoryRun], robot: str, manoeuvre: str) -> Sheet:
     """Paths and yaw errors above, front and back torques below."""
     colours = style.BAGS
     widths = np.linspace(3.6, 1.2, len(found)).tolist()  # laws that drive alike lie on each other
     strokes = [style.Stroke(colours[i % len(colours)], width) for i, width in enumerate(widths)]
 
-    def curves(x: Callable[[Actuation], Array], y: Callable[[Actuation], Array]) -> list[Line]:
+    def curves(x: Callable[[TrajectoryRun], Array], y: Callable[[TrajectoryRun], Array]) -> list[Line]:
         return [curve(str(a.law), x(a), y(a), stroke) for a, stroke in zip(found, strokes, strict=True)]
 
     planned = found[0].planned
@@ -212,5 +212,5 @@ def sheet(found: Sequence[Actuation], robot: str, manoeuvre: str) -> Sheet:
     return Sheet("actuation", f"Torque-sharing laws: {robot} on {manoeuvre}", caption, rows)
 
 
-def _time(a: Actuation) -> Array:
+def _time(a: TrajectoryRun) -> Array:
     return a.t

@@ -15,7 +15,7 @@ from canopen.profiles.p402 import BaseNode402
 from drive_bench import running_drives
 
 from artibot_driver.bus import Bus, BusState, open_bus
-from artibot_driver.cia402 import State
+from artibot_driver.cia402 import DriveState
 from artibot_driver.config import config_from_parameters
 from artibot_driver.dictionary import load_dictionary
 from artibot_driver.frames import Emcy, Frame, Heartbeat, NmtCommand, NmtState, heartbeat, nmt
@@ -154,13 +154,13 @@ class BusContract:
             with transmitted(master.rpdo[1], 0.01):  # canopen leaves a synchronous RPDO to be sent to others
                 assert wait_for(lambda: master.state == "SWITCH ON DISABLED")
                 master.state = "OPERATION ENABLED"
-                assert wait_for(lambda: drives["front_left"].state is State.OPERATION_ENABLED)
+                assert wait_for(lambda: drives["front_left"].state is DriveState.OPERATION_ENABLED)
                 master.rpdo[1]["Target velocity"].raw = 500_000
                 assert wait_for(lambda: abs(master.tpdo[1]["Velocity actual value"].raw - 500_000) < 5_000)
             beat.stop()
-            assert wait_for(lambda: drives["front_left"].state is State.FAULT)
+            assert wait_for(lambda: drives["front_left"].state is DriveState.FAULT)
             assert [error.code for error in master.emcy.log] == [0x8130]
-            assert drives["back_left"].state is State.SWITCH_ON_DISABLED
+            assert drives["back_left"].state is DriveState.SWITCH_ON_DISABLED
             network.sync.stop()
 
     def test_canopen_understands_our_services(self, address: BusAddress) -> None:

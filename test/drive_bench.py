@@ -11,7 +11,7 @@ import time
 from collections.abc import Iterator
 
 from artibot_driver.bus import Bus
-from artibot_driver.cia402 import State, controlword_for, state_of
+from artibot_driver.cia402 import DriveState, controlword_for, state_of
 from artibot_driver.config import config_from_parameters
 from artibot_driver.frames import Emcy, Frame, NmtCommand, NmtState, heartbeat, nmt
 from artibot_driver.pdo import Decoded, Pdo
@@ -97,7 +97,7 @@ class Bench:
         for _ in range(round(seconds / 0.01)):
             self.cycle(velocity, torque)
 
-    def lead_to(self, target: State, velocity: int = 0, torque: int = 0, reset_faults: bool = False) -> None:
+    def lead_to(self, target: DriveState, velocity: int = 0, torque: int = 0, reset_faults: bool = False) -> None:
         """What a driver does to bring the drive to a state, from statuswords alone."""
         for _ in range(40):
             self.cycle(velocity, torque)
@@ -123,7 +123,7 @@ class Bench:
         """Set up and enabled."""
         self.set_up()
         self.controlword = 0x06
-        self.lead_to(State.OPERATION_ENABLED)
+        self.lead_to(DriveState.OPERATION_ENABLED)
         self.controlword = 0x0F
         return self
 

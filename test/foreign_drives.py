@@ -17,9 +17,9 @@ import canopen
 from canopen.objectdictionary import ODVariable, import_od
 
 from artibot_driver.bus import open_bus
-from artibot_driver.cia402 import Event, State, command_of, statusword, transition
+from artibot_driver.cia402 import DriveEvent, DriveState, command_of, statusword, transition
 from artibot_driver.config import config_from_parameters
-from artibot_driver.master import Cycle, Master, Phase, Setpoints
+from artibot_driver.master import Master, MasterCycle, Phase, Setpoints
 from artibot_driver.rig import Rig, load_rig
 from artibot_sim.resources import config_path
 
@@ -72,7 +72,12 @@ class ForeignDrive:
         mode: int | None = None,
     ) -> None:
         self._mode = mode
-        self.id, self.bits, self.state, self.controlword = rig.codec.nodes[motor], bits, State.SWITCH_ON_DISABLED, 0
+        self.id, self.bits, self.state, self.controlword = (
+            rig.codec.nodes[motor],
+            bits,
+            DriveState.SWITCH_ON_DISABLED,
+            0,
+        )
         self.written: list[tuple[int, int]] = []
         self._rounds = rounds or {}
         with open(eds, encoding="utf-8") as stream:
@@ -115,8 +120,8 @@ class ForeignDrive:
         command = command_of(self.controlword, before)
         while (found := transition(self.state, command)) is not None:
             self.state = found.end
-        if self.state is State.QUICK_STOP_ACTIVE:
-            self.state = transition(self.state, Event.QUICK_STOP_DONE).end  # type: ignore[union-attr]
+        if self.state is DriveState.QUICK_STOP_ACTIVE:
+            self.state = transition(self.state, DriveEvent.QUICK_STOP_DONE).end  # type: ignore[union-attr]
 
     def _sync(self, _id: int, _data: bytearray, _stamp: float) -> None:
         if self.node.nmt.state != "OPERATIONAL":
@@ -143,10 +148,10 @@ class Foreign:
 
     def __init__(self, master: Master, rig: Rig, drives: dict[str, ForeignDrive]) -> None:
         self.master, self.rig, self.drives = master, rig, drives
-        self.cycle: Cycle | None = None
+        self.cycle: MasterCycle | None = None
         self.phases: list[Phase] = []
 
-    def run(self, seconds: float, until: Callable[[Cycle], bool] = lambda cycle: False) -> bool:
+    def run(self, seconds: float, until: Callable[[MasterCycle], bool] = lambda cycle: False) -> bool:
         """Periods for so long, or until something is so."""
         end = time.monotonic() + seconds
         due = time.monotonic_ns()

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from canopen.objectdictionary import ODVariable
 
 from artibot_driver.bus import Bus
-from artibot_driver.cia402 import State, controlword_for, state_of
+from artibot_driver.cia402 import DriveState, controlword_for, state_of
 from artibot_driver.frames import SDO_REQUEST, Emcy, Frame, Heartbeat, NmtCommand, NmtState, Sdo, heartbeat, nmt
 from artibot_driver.pdo import Pdo
 from artibot_driver.rig import Rig, Setting
@@ -52,7 +52,7 @@ class FrameMaster:
         scale = getattr(self.rig.scaling[motor], name)
         return float(scale.si(self.fields[motor][f"{name}_actual_value"]))
 
-    def state(self, motor: str) -> State | None:
+    def state(self, motor: str) -> DriveState | None:
         """What the drive's last statusword says."""
         word = self.fields[motor].get("statusword")
         return None if word is None else state_of(word)
@@ -120,7 +120,7 @@ class FrameMaster:
                 self.latency.append(time.monotonic() - begun)
         self.unanswered += bool(self._waiting)
 
-    def lead_to(self, target: State, given: SetPoints | None = None, *, reset_faults: bool = False) -> None:
+    def lead_to(self, target: DriveState, given: SetPoints | None = None, *, reset_faults: bool = False) -> None:
         """Bring all drives to a state, from statuswords alone."""
         for _ in range(60):
             self.cycle(given)

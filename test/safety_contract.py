@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 
-from artibot_driver.cia402 import State
+from artibot_driver.cia402 import DriveState
 from artibot_driver.config import config_from_parameters
 from artibot_driver.faults import campaign
 from artibot_driver.faults.catalogue import ON_A_BUS
@@ -84,7 +84,7 @@ class SafetyContract:
                 assert driver.stdout.readline() == "driving\n"
                 watchdog.longest()  # a process that starts is busy
                 loop.run(0.1)
-                assert {*loop.trace[-1].drives.state} == {State.OPERATION_ENABLED}
+                assert {*loop.trace[-1].drives.state} == {DriveState.OPERATION_ENABLED}
                 assert loop.trace[-1].drives.asked[0].velocity == pytest.approx(0.5 * loop.turn, rel=1e-3)
                 driver.send_signal(signal.SIGKILL)
                 begin = time.monotonic()
@@ -93,7 +93,7 @@ class SafetyContract:
             finally:
                 driver.kill()
                 driver.communicate()
-            assert {*loop.trace[-1].drives.state} <= {State.FAULT, State.FAULT_REACTION_ACTIVE}
+            assert {*loop.trace[-1].drives.state} <= {DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE}
             loop.hung = False
             assert loop.run_until(Phase.LOCKED, 2.0), loop.last.status
             loop.master.reset_fault()

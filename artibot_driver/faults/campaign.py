@@ -25,7 +25,7 @@ from artibot_driver.faults.live_loop import LiveLoop, SwitchableBus, SwitchableL
 from artibot_driver.faults.outcomes import Key, NotReady, TrialLog, TrialOutcome, table
 from artibot_driver.faults.trial import FaultTrial
 from artibot_driver.faults.watchdog import HELD_UP, Watchdog, attended
-from artibot_driver.master import Reason
+from artibot_driver.master import StopReason
 from artibot_driver.rig import Rig, load_rig
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS
@@ -37,7 +37,7 @@ LIVE_TRIES: Final = 10
 IN_MEMORY: Final = "memory"
 
 
-class Task(NamedTuple):
+class CampaignTask(NamedTuple):
     """A trial to be made: its number, and the names of the faults that it is drawn from."""
 
     number: int
@@ -95,7 +95,7 @@ def live_trial(
                 complaints = [f"could not be tried: {error}"]
                 continue
         outcome.void = k
-        late = outcome.reason is Reason.OVERRUN and Reason.OVERRUN not in fault.reasons
+        late = outcome.reason is StopReason.OVERRUN and StopReason.OVERRUN not in fault.reasons
         if not late and watchdog.longest().seconds <= HELD_UP:
             return outcome
     return TrialOutcome(
@@ -112,7 +112,7 @@ def live_rig(names: Sequence[str]) -> Rig:
     return load_rig(config_from_parameters({"bus.bitrate": 150_000, "sync_rate": 50.0} if slow else {}))
 
 
-def live(tasks: Sequence[Task], seed: int, channel: str) -> Iterator[TrialOutcome]:
+def live(tasks: Sequence[CampaignTask], seed: int, channel: str) -> Iterator[TrialOutcome]:
     """Outcomes of trials on a real bus, in order."""
     bus: SwitchableBus = SwitchableLoopback() if channel == "loopback" else SwitchableSocketCan(channel)
     try:
@@ -123,7 +123,7 @@ def live(tasks: Sequence[Task], seed: int, channel: str) -> Iterator[TrialOutcom
         bus.close()
 
 
-def virtual(tasks: Sequence[Task], seed: int, jobs: int) -> Iterator[TrialOutcome]:
+def virtual(tasks: Sequence[CampaignTask], seed: int, jobs: int) -> Iterator[TrialOutcome]:
     """Outcomes of trials in time of their own, in order."""
     if jobs == 1 or len(tasks) < 4:
         yield from (virtual_trial(task.number, seed, task.names) for task in tasks)
@@ -132,11 +132,11 @@ def virtual(tasks: Sequence[Task], seed: int, jobs: int) -> Iterator[TrialOutcom
         yield from pool.map(virtual_trial, *zip(*((task.number, seed, task.names) for task in tasks), strict=True))
 
 
-def tasks_of(trials: int, each: bool, names: Sequence[str]) -> list[Task]:
+def tasks_of(trials: int, each: bool, names: Sequence[str]) -> list[CampaignTask]:
     """`trials` of the faults in turns; or so many of each, in rounds, so that any beginning has all."""
     if each:
-        return [Task(number, (name,)) for number in range(trials) for name in names]
-    return [Task(number, tuple(names)) for number in range(trials)]
+        return [CampaignTask(number, (name,)) for number in range(trials) for name in names]
+    return [CampaignTask(number, tuple(names)) for number in range(trials)]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -158,7 +158,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return _sum_up(outcomes, options)
 
 
-def _run(tasks: Sequence[Task], options: argparse.Namespace) -> list[TrialOutcome]:
+def _run(tasks: Sequence[CampaignTask], options: argparse.Namespace) -> list[TrialOutcome]:
     """Make the trials that are not made yet; say what is wrong as soon as it is known."""
     trial_log = TrialLog(options.log, options.seed, options.channel or IN_MEMORY)
     left = [task for task in tasks if task.key not in trial_log.done]

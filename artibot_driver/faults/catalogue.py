@@ -10,7 +10,7 @@ from typing import Final
 from artibot_driver.faults.closed_loop import ClosedLoop
 from artibot_driver.faults.simulated_bus import Interference
 from artibot_driver.frames import Frame, NmtCommand, NmtState, heartbeat, nmt
-from artibot_driver.master import Reason, Setpoints
+from artibot_driver.master import Setpoints, StopReason
 
 # ----------------------------------------------------------------------
 # The faults that driver and drives have to cope with: how each comes about, how it ends, and what must follow.
@@ -40,7 +40,7 @@ class Fault:
         Whether the rover has to stop; else it may also go on as commanded.
     within : float
         The reaction has to begin so soon, s.
-    reasons : tuple of Reason
+    reasons : tuple of StopReason
         What the driver may give as the first reason; empty where it cannot know one.
     own : float
         As `within`, for the drive concerned where it is left to itself, s.
@@ -57,7 +57,7 @@ class Fault:
     mend: Act
     stops: bool
     within: float
-    reasons: tuple[Reason, ...]
+    reasons: tuple[StopReason, ...]
     own: float = 0.0
     held: float = 0.0
     silent: bool = False
@@ -232,9 +232,9 @@ def _strange_frames(loop: ClosedLoop, motor: str) -> None:
     loop.inject([Frame(0x180 + node, b""), Frame(0x180 + node, bytes(3)), Frame(0x700 + node, b"\x99")])
 
 
-_R = Reason
+_R = StopReason
 _DRIVE = (_R.DRIVE_FAULT, _R.DRIVE_RESTARTED, _R.DRIVE_STATE, _R.DRIVE_SILENT)
-_ANY = tuple(Reason)
+_ANY = tuple(StopReason)
 
 CATALOGUE: Final = (
     Fault("drive unplugged", _unplug, _plug, True, ON_THE_BUS, (_R.DRIVE_SILENT,), own=BY_THE_DRIVES),

@@ -12,10 +12,10 @@ from collections.abc import Callable
 from typing import Final, NamedTuple
 
 from artibot_driver.bus import BusState
-from artibot_driver.cia402 import State
+from artibot_driver.cia402 import DriveState
 from artibot_driver.faults.simulated_bus import MemoryBus, UnreliableBus, memory_buses
 from artibot_driver.frames import Frame
-from artibot_driver.master import Cycle, Master, Phase, Setpoints
+from artibot_driver.master import Master, MasterCycle, Phase, Setpoints
 from artibot_driver.master.traffic import AnyBus
 from artibot_driver.rig import Rig, motor_per_metre
 from artibot_driver.simulated.drive import SimulatedDrive
@@ -30,7 +30,7 @@ from artibot_sim.model import MOTORS
 class DriveStates(NamedTuple):
     """What the four drives do at one moment, in the order of ``MOTORS``; `velocity` is the motors', rad/s."""
 
-    state: tuple[State, ...]
+    state: tuple[DriveState, ...]
     asked: tuple[ShaftCommand, ...]
     velocity: tuple[float, ...]
 
@@ -128,11 +128,11 @@ QUEUE: Final = (10, 100)
 _FLOOD_FRAME = Frame(0x7F0, bytes(8))
 
 
-class Sample(NamedTuple):
+class PeriodSample(NamedTuple):
     """One period: time (ns), the master's cycle (None while its loop hangs), what the drives do."""
 
     now: int
-    cycle: Cycle | None
+    cycle: MasterCycle | None
     drives: DriveStates
 
 
@@ -153,7 +153,7 @@ class ClosedLoop(ABC):
         Frames in a period that make a noise.
     full : float
         The flood that fills the bus.
-    trace : list of Sample
+    trace : list of PeriodSample
         All periods so far.
     """
 
@@ -165,7 +165,7 @@ class ClosedLoop(ABC):
         self.noise = 0
         self.noise_frames = NOISE_FRAMES
         self.full = 1.0
-        self.trace: list[Sample] = []
+        self.trace: list[PeriodSample] = []
         self.period = 1000 * rig.config.sync_period_us
         self.turn = motor_per_metre(rig.robot, "front_right")
         self.unreliable: UnreliableBus
@@ -213,7 +213,7 @@ class ClosedLoop(ABC):
         self.unreliable.join()
 
     @property
-    def last(self) -> Cycle:
+    def last(self) -> MasterCycle:
         """The master's last cycle."""
         return next(sample.cycle for sample in reversed(self.trace) if sample.cycle is not None)
 
@@ -267,7 +267,7 @@ class VirtualLoop(ClosedLoop):
             for _ in range(self.period // DRIVE_STEP):
                 self.drive_set.step(self._now)
                 self._now += DRIVE_STEP
-            self.trace.append(Sample(self._now, cycle, self.drive_set.states()))
+            self.trace.append(PeriodSample(self._now, cycle, self.drive_set.states()))
 
     def new_master(self) -> None:
         """Have another master take the place of this one."""

@@ -16,7 +16,7 @@ import can
 from can.typechecking import CanFilters
 
 from artibot_driver.bus import Bus, open_bus
-from artibot_driver.faults.closed_loop import DRIVE_STEP, ClosedLoop, DriveSet, Sample
+from artibot_driver.faults.closed_loop import DRIVE_STEP, ClosedLoop, DriveSet, PeriodSample
 from artibot_driver.faults.simulated_bus import UnreliableBus
 from artibot_driver.frames import Frame
 from artibot_driver.loopback import channel_of, start_server
@@ -194,7 +194,7 @@ class LiveLoop(ClosedLoop):
                 self._next = self.now
             with self._lock:
                 drives = self._drive_set.states()
-            self.trace.append(Sample(self.now, cycle, drives))
+            self.trace.append(PeriodSample(self.now, cycle, drives))
 
     def with_drives(self, what: Callable[[DriveSet], object]) -> None:
         """Do something to the drives."""

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from artibot_driver.master import Reason
+from artibot_driver.master import StopReason
 from artibot_sim.errors import ArtibotError
 
 # ----------------------------------------------------------------------
@@ -52,7 +52,7 @@ class TrialOutcome:
     reaction: float = math.nan
     standing: float = math.nan
     rejoined: float = math.nan
-    reason: Reason | None = None
+    reason: StopReason | None = None
     complaints: list[str] = field(default_factory=list)
     void: int = 0
     judged: bool = True
@@ -67,7 +67,7 @@ class TrialOutcome:
         """The inverse of :meth:`as_json`; raises KeyError or TypeError for something else."""
         given = {each.name: found[each.name] for each in fields(cls)}
         given |= {name: math.nan if given[name] is None else float(given[name]) for name in _TIMES}
-        return cls(**given | {"reason": Reason[given["reason"]] if given["reason"] else None})
+        return cls(**given | {"reason": StopReason[given["reason"]] if given["reason"] else None})
 
 
 def table(outcomes: Sequence[TrialOutcome]) -> Iterator[str]:

@@ -9,11 +9,11 @@ from functools import partial
 from itertools import pairwise
 from typing import Final
 
-from artibot_driver.cia402 import State
+from artibot_driver.cia402 import DriveState
 from artibot_driver.faults.catalogue import Fault
-from artibot_driver.faults.closed_loop import ClosedLoop, Sample
+from artibot_driver.faults.closed_loop import ClosedLoop, PeriodSample
 from artibot_driver.faults.outcomes import NotReady, TrialOutcome
-from artibot_driver.master import Phase, Reason, Setpoints, Stop
+from artibot_driver.master import Phase, Setpoints, StopReason, StopRecord
 from artibot_sim.model import MOTORS
 
 REJOIN: Final = 2.0
@@ -101,13 +101,13 @@ class FaultTrial:
         velocity = self.velocity
         self.loop.command = lambda now: Setpoints(velocity, now)
 
-    def as_commanded(self, sample: Sample) -> bool:
+    def as_commanded(self, sample: PeriodSample) -> bool:
         """Whether the front drives have the commanded set-points."""
         step = abs(self.loop.rig.scaling[MOTORS[0]].velocity.step)
         asked = [each.velocity for each in sample.drives.asked[:2]]
         return all(a is not None and abs(a - v) <= step for a, v in zip(asked, self.velocity, strict=True))
 
-    def judge(self, begin: int, samples: Sequence[Sample]) -> None:
+    def judge(self, begin: int, samples: Sequence[PeriodSample]) -> None:
         """Whether it stopped as it must, or went on as it may."""
         outcome, fault = self.outcome, self.fault
         stop = _stop_in(samples)
@@ -119,11 +119,11 @@ class FaultTrial:
         if stop is not None:
             outcome.reason = stop.reason
             begin = begin if fault.stops else stop.at_ns
-            allowed = fault.reasons or tuple(Reason)
+            allowed = fault.reasons or tuple(StopReason)
             self.expect(stop.reason in allowed, f"gave the reason '{stop.reason.name}': {stop.text}")
         self.judge_times(begin, samples)
 
-    def judge_times(self, begin: int, samples: Sequence[Sample]) -> None:
+    def judge_times(self, begin: int, samples: Sequence[PeriodSample]) -> None:
         """When the motors were slowed down, and when they stood or were free."""
         outcome, fault, config = self.outcome, self.fault, self.loop.rig.config
         ramp = self.speed / config.stop_deceleration
@@ -141,19 +141,19 @@ class FaultTrial:
         outcome.reaction, outcome.standing = max(reactions), max(ends)
         self.expect_calm(begin, samples)
 
-    def _slowed(self, k: int, sample: Sample) -> bool:
+    def _slowed(self, k: int, sample: PeriodSample) -> bool:
         asked = sample.drives.asked[k]
         if k > 1:
             return asked.is_free
         return asked.velocity is None or abs(asked.velocity) < 0.999 * abs(self.velocity[k])
 
-    def _ended(self, k: int, sample: Sample) -> bool:
+    def _ended(self, k: int, sample: PeriodSample) -> bool:
         asked = sample.drives.asked[k]
         if asked.is_free or asked.torque == 0.0:
             return True
         return k < 2 and abs(sample.drives.velocity[k]) < STANDSTILL * self.loop.turn
 
-    def expect_calm(self, begin: int, samples: Sequence[Sample]) -> None:
+    def expect_calm(self, begin: int, samples: Sequence[PeriodSample]) -> None:
         """From the reaction on nothing is asked for that is faster than before."""
         for k in range(2):
             least = math.inf
@@ -222,14 +222,14 @@ class FaultTrial:
         Who had filled the bus may still have frames under way, for which an enable is refused: it is asked for again.
         """
         loop, end = self.loop, self.loop.now + round(1e9 * REJOIN)
-        each = 0.25 * REJOIN if Reason.BUS_OVERLOADED in self.fault.reasons else REJOIN
+        each = 0.25 * REJOIN if StopReason.BUS_OVERLOADED in self.fault.reasons else REJOIN
         while loop.now < end:
             loop.master.enable()
             if loop.run_until(Phase.ENABLED, each):
                 return True
         return False
 
-    def expect_rest(self, samples: Sequence[Sample], when: str) -> None:
+    def expect_rest(self, samples: Sequence[PeriodSample], when: str) -> None:
         """Nothing is asked of a front motor but to become slower than it is already."""
         for k in range(2):
             most = abs(samples[0].drives.velocity[k])
@@ -237,9 +237,9 @@ class FaultTrial:
                 self.expect(asked <= most, f"{MOTORS[k]} moved {when}")
                 most = min(most, asked) if asked else most
 
-    def expect_left_alone(self, samples: Sequence[Sample]) -> None:
+    def expect_left_alone(self, samples: Sequence[PeriodSample]) -> None:
         """No drive that has left operation enabled comes back to it by itself."""
-        on = State.OPERATION_ENABLED
+        on = DriveState.OPERATION_ENABLED
         for k, motor in enumerate(MOTORS):
             again = any(a.drives.state[k] is not on and b.drives.state[k] is on for a, b in pairwise(samples))
             self.expect(not again, f"{motor} was enabled again without being asked to")
@@ -252,17 +252,17 @@ TICK: Final = 0.002
 """Samples are taken a drive's step after what they show, s."""
 
 
-def _stop_in(samples: Sequence[Sample]) -> Stop | None:
+def _stop_in(samples: Sequence[PeriodSample]) -> StopRecord | None:
     """Why the driver stopped first, and when."""
     return next((s.cycle.status.stop for s in samples if s.cycle and s.cycle.status.stop), None)
 
 
-def _first_after(begin: int, samples: Sequence[Sample], holds: Callable[[Sample], bool]) -> float:
+def _first_after(begin: int, samples: Sequence[PeriodSample], holds: Callable[[PeriodSample], bool]) -> float:
     """When it held first, s after `begin`; infinite where it did not."""
     return next((max(0.0, 1e-9 * (s.now - begin)) for s in samples if s.now >= begin and holds(s)), math.inf)
 
 
-def _for_good_after(begin: int, samples: Sequence[Sample], holds: Callable[[Sample], bool]) -> float:
+def _for_good_after(begin: int, samples: Sequence[PeriodSample], holds: Callable[[PeriodSample], bool]) -> float:
     """From when on it held to the end, s after `begin`; infinite where it did not."""
     ended = math.inf
     for sample in reversed([each for each in samples if each.now >= begin]):

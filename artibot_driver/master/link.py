@@ -7,11 +7,11 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Final
 
-from artibot_driver.cia402 import State, StatusBit, controlword_for, state_of
+from artibot_driver.cia402 import DriveState, StatusBit, controlword_for, state_of
 from artibot_driver.dictionary import PdoMap
 from artibot_driver.frames import Emcy, Frame, Heartbeat, NmtState, Sdo, error_text
-from artibot_driver.master.setup import Setup
-from artibot_driver.master.values import DriveStatus, Stage
+from artibot_driver.master.setup import DriveSetup
+from artibot_driver.master.values import DriveStatus, SetupStage
 from artibot_driver.pdo import Pdo
 from artibot_driver.rig import Rig
 from artibot_driver.scaling import unwrap
@@ -19,8 +19,8 @@ from artibot_driver.scaling import unwrap
 CONTROLWORD, TARGET_VELOCITY, TARGET_TORQUE = 0x6040, 0x60FF, 0x6071
 STATUSWORD, VELOCITY, TORQUE, POSITION, MODE, ERROR_CODE = 0x6041, 0x606C, 0x6077, 0x6064, 0x6061, 0x603F
 
-IN_FAULT: Final = (State.FAULT, State.FAULT_REACTION_ACTIVE)
-POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+IN_FAULT: Final = (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
+POWERED: Final = (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION_ACTIVE)
 
 MISMATCHES_MOST: Final = 3
 """Statuswords in a row that report another state than the one a drive was led to: fewer may be frames out of order."""
@@ -28,7 +28,7 @@ MISMATCHES_MOST: Final = 3
 TWICE_MOST: Final = 10
 """Periods in which a PDO came twice, less those in which none did: more than that is no accident of a late reading."""
 
-_STARTED: Final = (Stage.STARTING, Stage.CHECKING, Stage.RUNNING)
+_STARTED: Final = (SetupStage.STARTING, SetupStage.CHECKING, SetupStage.RUNNING)
 
 
 def is_warning(code: int) -> bool:
@@ -70,7 +70,7 @@ class Link:
     Attributes
     ----------
     received : Received
-    setup : Setup
+    setup : DriveSetup
     restarted : str
         How it was noticed that the drive left operational by itself, until the master has dealt with it.
     alarm : Emcy or None
@@ -84,7 +84,7 @@ class Link:
     def __init__(self, rig: Rig, motor: str, tally: Counter[str]) -> None:
         self.motor, self.node, self._tally = motor, rig.codec.nodes[motor], tally
         self.scaling = rig.scaling[motor]
-        self.setup = Setup(rig, motor, tally)
+        self.setup = DriveSetup(rig, motor, tally)
         self.received = Received()
         self.restarted = ""
         self.alarm: Emcy | None = None
@@ -138,11 +138,11 @@ class Link:
         self._missed_beat = False
         if beat.state is NmtState.BOOT_UP:
             self._left("has restarted")
-        elif beat.state is not NmtState.OPERATIONAL and self.setup.stage in (Stage.CHECKING, Stage.RUNNING):
+        elif beat.state is not NmtState.OPERATIONAL and self.setup.stage in (SetupStage.CHECKING, SetupStage.RUNNING):
             self._left(f"is {beat.state.name.lower().replace('_', '-')}, no longer operational")
 
     def _left(self, how: str) -> None:
-        if self.setup.stage is Stage.RUNNING:
+        if self.setup.stage is SetupStage.RUNNING:
             self.restarted = how
             self._tally["drive_restarts"] += 1
         self.forget()
@@ -158,7 +158,7 @@ class Link:
         """An answer to a request; one that shows that settings are lost has the drive sought anew."""
         was = self.setup.stage
         self.setup.take(answer)
-        if self.setup.stage is Stage.SEEKING and was is not Stage.SEEKING:
+        if self.setup.stage is SetupStage.SEEKING and was is not SetupStage.SEEKING:
             self.forget()
 
     def forget(self) -> None:
@@ -168,9 +168,9 @@ class Link:
         self.received = Received(emergency=emergency)
         self._anew, self.doubtful = True, False
 
-    def end_period(self, expected: State | None) -> None:
+    def end_period(self, expected: DriveState | None) -> None:
         """Before the next SYNC: count what did not come, and feedback that is not what was asked for."""
-        if self.setup.stage is Stage.RUNNING and self.received.feedback_ns is not None and not self._in_period:
+        if self.setup.stage is SetupStage.RUNNING and self.received.feedback_ns is not None and not self._in_period:
             self._tally["missed_feedback"] += 1
         if self._in_period:
             wrong = "" if expected is None else self._mismatch(expected)
@@ -182,7 +182,7 @@ class Link:
         self._came_twice = False
         self._in_period.clear()
 
-    def _mismatch(self, expected: State) -> str:
+    def _mismatch(self, expected: DriveState) -> str:
         """What of state and mode is not as it was led to be; empty where all is."""
         wrong = []
         if self.state is not expected:
@@ -196,7 +196,7 @@ class Link:
     # What is known of it.
 
     @property
-    def state(self) -> State | None:
+    def state(self) -> DriveState | None:
         """State of CiA 402 that it reported last."""
         word = self.received.objects.get(STATUSWORD)
         return None if word is None else state_of(word)
@@ -222,7 +222,7 @@ class Link:
     def misses_heartbeat(self, now: int, timeout: float) -> bool:
         """Whether it is operational, but no heartbeat has come for `timeout` (s), or none since it became so."""
         since = self.received.heartbeat_ns or self.received.operational_ns
-        return self.setup.stage is Stage.RUNNING and since is not None and _age(since, now) > timeout
+        return self.setup.stage is SetupStage.RUNNING and since is not None and _age(since, now) > timeout
 
     def doubt_once(self) -> None:
         """Have the settings read again where heartbeats begin to be missed: their period is one of them."""
@@ -258,15 +258,17 @@ class Link:
 
     # What it is sent.
 
-    def frames(self, target: State, velocity: int, torque: int, reset_faults: bool, hold: bool = False) -> list[Frame]:
+    def frames(
+        self, target: DriveState, velocity: int, torque: int, reset_faults: bool, hold: bool = False
+    ) -> list[Frame]:
         """Its RPDOs for this cycle; what they map beside controlword and set-points is zero.
 
         With `hold` the drive is kept in the target, but not led there: one that has left it by itself stays off, and
         one of which a statusword comes late is not taken out of it.
         """
         state = self.state
-        if state is None or self.setup.stage is not Stage.RUNNING:
-            state, target = State.SWITCH_ON_DISABLED, State.SWITCH_ON_DISABLED
+        if state is None or self.setup.stage is not SetupStage.RUNNING:
+            state, target = DriveState.SWITCH_ON_DISABLED, DriveState.SWITCH_ON_DISABLED
         elif hold and not self.in_fault:
             state = target
         self._controlword = controlword_for(state, target, self._controlword, reset_faults=reset_faults)

@@ -17,7 +17,7 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from artibot_driver.bus import BusState
-from artibot_driver.cia402 import State
+from artibot_driver.cia402 import DriveState
 from artibot_driver.config import DriverConfig
 from artibot_driver.frames import NmtCommand, NmtState, heartbeat, nmt
 from artibot_driver.master import monitoring, setup
@@ -25,18 +25,18 @@ from artibot_driver.master.link import POWERED, TORQUE, VELOCITY, Link
 from artibot_driver.master.phases import Facts, Phase, next_phase
 from artibot_driver.master.reception import KINDS, Delay, Receiver, no_delay
 from artibot_driver.master.setpoints import STANDING, Integers, Targets
-from artibot_driver.master.traffic import AnyBus, Clock, Traffic
+from artibot_driver.master.traffic import AnyBus, BusTraffic, Clock
 from artibot_driver.master.values import (
     Commanded,
-    Cycle,
     DriveStatus,
     Feedback,
     Four,
-    Reason,
+    MasterCycle,
+    MasterStatus,
     Setpoints,
-    Stage,
-    Status,
-    Stop,
+    SetupStage,
+    StopReason,
+    StopRecord,
 )
 from artibot_driver.rig import Rig
 from artibot_sim.model import MOTORS
@@ -59,7 +59,7 @@ class PendingRequests(NamedTuple):
 
     enable: bool
     reset: bool
-    stop: Stop | None
+    stop: StopRecord | None
     number: int
 
 
@@ -68,9 +68,9 @@ class Requests:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._waiting: list[tuple[Request, Reason, str]] = []
+        self._waiting: list[tuple[Request, StopReason, str]] = []
 
-    def ask(self, request: Request, reason: Reason = Reason.DISABLE, text: str = "") -> None:
+    def ask(self, request: Request, reason: StopReason = StopReason.DISABLE, text: str = "") -> None:
         """Set a wish; the reason counts for a stop only."""
         with self._lock:
             self._waiting.append((request, reason, text))
@@ -80,7 +80,7 @@ class Requests:
         with self._lock:
             waiting, self._waiting = self._waiting, []
         kinds = {request for request, _, _ in waiting}
-        stops = [Stop(reason, text, now) for request, reason, text in waiting if request is Request.STOP]
+        stops = [StopRecord(reason, text, now) for request, reason, text in waiting if request is Request.STOP]
         return PendingRequests(
             Request.ENABLE in kinds, Request.RESET in kinds, stops[0] if stops else None, len(waiting)
         )
@@ -93,7 +93,9 @@ class Requests:
 
 def feedback(links: Sequence[Link], now: int, config: DriverConfig) -> Feedback:
     """What the drives have reported; NaN for those that are silent or not set up."""
-    known = [each.setup.stage is Stage.RUNNING and each.feedback_age(now) <= config.drive_timeout for each in links]
+    known = [
+        each.setup.stage is SetupStage.RUNNING and each.feedback_age(now) <= config.drive_timeout for each in links
+    ]
 
     def four(values: Sequence[float]) -> Four:
         one, two, three, four = (value if there else math.nan for value, there in zip(values, known, strict=True))
@@ -164,7 +166,7 @@ class Master:
         self._targets = Targets(rig, self._tally)
         self._requests, self._answered, self._notice = Requests(), 0, ""
         self._phase, self._bus_state = Phase.OFFLINE, BusState.ACTIVE
-        self._stop: Stop | None = None
+        self._stop: StopRecord | None = None
         self._armed: int | None = None
         self._following = False
         self._since = self._reset_until = self._beat_due = self._sync = self._polls = 0
@@ -176,18 +178,18 @@ class Master:
     # Requests, from any thread.
 
     def enable(self) -> None:
-        """Ask for the drives to be enabled; refused, with :attr:`Status.notice`, unless they are READY."""
+        """Ask for the drives to be enabled; refused, with :attr:`MasterStatus.notice`, unless they are READY."""
         self._requests.ask(Request.ENABLE)
 
     def disable(self) -> None:
         """Ask for a ramp to standstill, then no current."""
-        self.stop(Reason.DISABLE)
+        self.stop(StopReason.DISABLE)
 
     def quick_stop(self) -> None:
         """Ask for the same as :meth:`disable`, under another name: the ramp is at ``stop_deceleration`` either way."""
-        self.stop(Reason.QUICK_STOP)
+        self.stop(StopReason.QUICK_STOP)
 
-    def stop(self, reason: Reason, text: str = "") -> None:
+    def stop(self, reason: StopReason, text: str = "") -> None:
         """Ask for a ramp to standstill for a reason of the caller's."""
         self._requests.ask(Request.STOP, reason, text or reason.value)
 
@@ -199,7 +201,7 @@ class Master:
 
     def use_bus(self, bus: AnyBus) -> None:
         """Go on with another bus where the old one is lost: listen first, then set all drives up again."""
-        self._traffic = Traffic(bus, self._config.bitrate, self._period, self._tally, self._clock)
+        self._traffic = BusTraffic(bus, self._config.bitrate, self._period, self._tally, self._clock)
         self._receiver.begin()
 
     def poll(self, now_ns: int) -> None:
@@ -211,7 +213,7 @@ class Master:
             self._polls, setups = self._polls + 1, [link.setup for link in self._links]
             self._traffic.send(setup.due(setups, now_ns, self._rig.requests_a_cycle, self._polls))
 
-    def cycle(self, now_ns: int, setpoints: Setpoints | None) -> Cycle:
+    def cycle(self, now_ns: int, setpoints: Setpoints | None) -> MasterCycle:
         """One SYNC period.
 
         Parameters
@@ -234,11 +236,11 @@ class Master:
         sent = self._move(now_ns, 1e-9 * min(now_ns - last, 2 * self._period))  # no leap down after a hold-up
         self._send(now_ns, sent)
         commanded = self._targets.commanded(sent, now_ns) if self._phase.moves else Commanded(stamp_ns=now_ns)
-        return Cycle(feedback(self._links, now_ns, self._config), commanded, self._status(now_ns))
+        return MasterCycle(feedback(self._links, now_ns, self._config), commanded, self._status(now_ns))
 
     def close(self, now_ns: int) -> None:
         """Take the drives' current away; they are left pre-operational, without a watch on the driver's heartbeat."""
-        frames = [frame for link in self._links for frame in link.frames(State.SWITCH_ON_DISABLED, 0, 0, False)]
+        frames = [frame for link in self._links for frame in link.frames(DriveState.SWITCH_ON_DISABLED, 0, 0, False)]
         frames.append(self._rig.codec.sync())
         frames += [nmt(NmtCommand.RESET_COMMUNICATION, link.node) for link in self._links]
         if self._receiver.leads:  # one that only listened leaves the drives to whoever leads them
@@ -249,9 +251,9 @@ class Master:
 
     # Parts of a cycle.
 
-    def _trouble(self, now: int, last: int, asked: Stop | None) -> Stop | None:
+    def _trouble(self, now: int, last: int, asked: StopRecord | None) -> StopRecord | None:
         """The first reason to stop."""
-        expected = State.OPERATION_ENABLED if self._phase is Phase.ENABLED else None
+        expected = DriveState.OPERATION_ENABLED if self._phase is Phase.ENABLED else None
         stop = asked or monitoring.first(
             monitoring.loop_trouble(now, last, self._config),
             monitoring.bus_trouble(now, self._bus_state, self._traffic),
@@ -262,7 +264,7 @@ class Master:
             stop = monitoring.first(monitoring.enable_trouble(self._links, now))
         return stop
 
-    def _take_setpoints(self, now: int, given: Setpoints | None) -> Stop | None:
+    def _take_setpoints(self, now: int, given: Setpoints | None) -> StopRecord | None:
         """Follow set-points that are fresh and sound; else say why the rover has to stop, if it has to."""
         if self._phase is not Phase.ENABLED:
             return None
@@ -274,8 +276,8 @@ class Master:
             self._tally["setpoints_invalid" if text else "setpoints_missing"] += 1
             under_way, self._following = self._following and not self._targets.at_rest, False
             if text:
-                return Stop(Reason.INVALID_COMMAND, text, now)
-            return Stop(Reason.COMMAND_SILENCE, Reason.COMMAND_SILENCE.value, now) if under_way else None
+                return StopRecord(StopReason.INVALID_COMMAND, text, now)
+            return StopRecord(StopReason.COMMAND_SILENCE, StopReason.COMMAND_SILENCE.value, now) if under_way else None
         self._following = True
         self._targets.follow(given)
         return None
@@ -316,7 +318,7 @@ class Master:
         return "" if ready else monitoring.enable_refused(self._links, now, self._config)
 
     def _facts(self, now: int, enable: bool) -> Facts:
-        running = [link for link in self._links if link.setup.stage is Stage.RUNNING]
+        running = [link for link in self._links if link.setup.stage is SetupStage.RUNNING]
         alive = [link for link in running if monitoring.is_alive(link, now, self._config)]
         off = not any(link.state in POWERED for link in alive)
         since = None if self._released is None else now - self._released
@@ -327,7 +329,7 @@ class Master:
             faulted=any(link.in_fault for link in running),
             enable=enable,
             incident=self._stop is not None,
-            all_enabled=all(link.state is State.OPERATION_ENABLED for link in self._links),
+            all_enabled=all(link.state is DriveState.OPERATION_ENABLED for link in self._links),
             stopped=since is not None and since > 0 and (off or since > RELEASE_TIMEOUT),
         )
 
@@ -361,12 +363,12 @@ class Master:
         )
         return self._targets.integers((right, left))
 
-    def _aim(self, link: Link) -> State:
+    def _aim(self, link: Link) -> DriveState:
         """The state that a drive is to be in; a stop enables none that is not: the ramp is for those that are."""
         powered = self._phase.moves and self._released is None
         if self._phase is Phase.STOPPING:
-            powered = powered and link.state is State.OPERATION_ENABLED
-        return State.OPERATION_ENABLED if powered else State.SWITCH_ON_DISABLED
+            powered = powered and link.state is DriveState.OPERATION_ENABLED
+        return DriveState.OPERATION_ENABLED if powered else DriveState.SWITCH_ON_DISABLED
 
     def _send(self, now: int, sent: Integers) -> None:
         if not self._receiver.leads:  # its first word moves nothing, and stops no other driver
@@ -386,8 +388,8 @@ class Master:
         self._receiver.note_sent(now, self._traffic.send(frames))
         self._sync = now
 
-    def _status(self, now: int) -> Status:
-        return Status(
+    def _status(self, now: int) -> MasterStatus:
+        return MasterStatus(
             phase=self._phase,
             stop=self._stop,
             armed_ns=self._armed,

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from artibot_driver.bus import BusState
-from artibot_driver.cia402 import State
+from artibot_driver.cia402 import DriveState
 from artibot_driver.config import DriverConfig
 from artibot_driver.frames import HEARTBEAT_BASE
 from artibot_driver.master.link import MISMATCHES_MOST, Link
-from artibot_driver.master.traffic import Traffic
-from artibot_driver.master.values import Reason, Stage, Stop
+from artibot_driver.master.traffic import BusTraffic
+from artibot_driver.master.values import SetupStage, StopReason, StopRecord
 
 FAILED_MOST: Final = 3
 """Cycles in a row in which something could not be sent."""
@@ -20,58 +20,58 @@ HEARTBEATS: Final = 3.0
 """While feedback comes, heartbeats may be away for this many ``heartbeat.drive_timeout``: single ones get lost."""
 
 
-def loop_trouble(now: int, last: int, config: DriverConfig) -> Iterator[Stop]:
+def loop_trouble(now: int, last: int, config: DriverConfig) -> Iterator[StopRecord]:
     """The driver's own loop: held up for most of the time after which the drives stop by themselves."""
     late = 1e-9 * (now - last)
     if late > 2.0 / 3.0 * config.driver_timeout:
-        yield Stop(Reason.OVERRUN, f"the driver's loop was held up for {late:.3f} s", now)
+        yield StopRecord(StopReason.OVERRUN, f"the driver's loop was held up for {late:.3f} s", now)
 
 
-def bus_trouble(now: int, state: BusState, traffic: Traffic) -> Iterator[Stop]:
+def bus_trouble(now: int, state: BusState, traffic: BusTraffic) -> Iterator[StopRecord]:
     """What is wrong with the bus."""
     if not state.carries_frames:
         why = traffic.status().reason
-        yield Stop(Reason.BUS_LOST, f"{state.value}" + (f": {why}" if why else ""), now)
+        yield StopRecord(StopReason.BUS_LOST, f"{state.value}" + (f": {why}" if why else ""), now)
     if traffic.failed >= FAILED_MOST:
         text = f"frames could not be sent in {traffic.failed} cycles: {traffic.status().reason or 'no reason known'}"
-        yield Stop(Reason.CANNOT_SEND, text, now)
+        yield StopRecord(StopReason.CANNOT_SEND, text, now)
     if traffic.flooded:
         load = f"the bus is {100 * traffic.load:.0f} % full"
-        yield Stop(Reason.BUS_OVERLOADED, f"{load}, or says more than can be read in time", now)
+        yield StopRecord(StopReason.BUS_OVERLOADED, f"{load}, or says more than can be read in time", now)
 
 
-def drive_trouble(now: int, link: Link, config: DriverConfig, expected: State | None) -> Iterator[Stop]:
+def drive_trouble(now: int, link: Link, config: DriverConfig, expected: DriveState | None) -> Iterator[StopRecord]:
     """What is wrong with a drive; `expected` is the state that it was led to, None while it is on its way."""
 
-    def found(reason: Reason, text: str) -> Stop:
-        return Stop(reason, f"drive {link.motor} (node {link.node}) {text}", now, link.motor)
+    def found(reason: StopReason, text: str) -> StopRecord:
+        return StopRecord(reason, f"drive {link.motor} (node {link.node}) {text}", now, link.motor)
 
     if link.restarted:
-        yield found(Reason.DRIVE_RESTARTED, link.restarted)
+        yield found(StopReason.DRIVE_RESTARTED, link.restarted)
     if link.in_fault:
-        yield found(Reason.DRIVE_FAULT, f"is in fault: {link.fault_text()}")
+        yield found(StopReason.DRIVE_FAULT, f"is in fault: {link.fault_text()}")
     if link.alarm is not None:
-        yield found(Reason.DRIVE_FAULT, f"reports {link.alarm.text}")
+        yield found(StopReason.DRIVE_FAULT, f"reports {link.alarm.text}")
     silence = link.feedback_age(now)
     if silence > config.drive_timeout:
-        yield found(Reason.DRIVE_SILENT, f"has sent no feedback for {silence:.3f} s")
+        yield found(StopReason.DRIVE_SILENT, f"has sent no feedback for {silence:.3f} s")
     silence = link.heartbeat_age(now)
     if silence > HEARTBEATS * config.drive_timeout:
-        yield found(Reason.DRIVE_SILENT, f"has sent no heartbeat for {silence:.3f} s")
+        yield found(StopReason.DRIVE_SILENT, f"has sent no heartbeat for {silence:.3f} s")
     if expected is not None and link.received.mismatches >= MISMATCHES_MOST:
-        yield found(Reason.DRIVE_STATE, link.received.mismatch)
+        yield found(StopReason.DRIVE_STATE, link.received.mismatch)
 
 
-def enable_trouble(links: Sequence[Link], now: int) -> Iterator[Stop]:
+def enable_trouble(links: Sequence[Link], now: int) -> Iterator[StopRecord]:
     """Drives that do not become enabled; their settings are doubtful then."""
-    slow = [link for link in links if link.state is not State.OPERATION_ENABLED]
+    slow = [link for link in links if link.state is not DriveState.OPERATION_ENABLED]
     for link in slow:
         link.doubtful = True
     names = ", ".join(f"{link.motor} is in state '{link.state}'" for link in slow)
-    yield Stop(Reason.ENABLE_TIMEOUT, f"the drives are not enabled after 1 s: {names}", now)
+    yield StopRecord(StopReason.ENABLE_TIMEOUT, f"the drives are not enabled after 1 s: {names}", now)
 
 
-def first(*groups: Iterator[Stop]) -> Stop | None:
+def first(*groups: Iterator[StopRecord]) -> StopRecord | None:
     """The first of all."""
     for group in groups:
         for each in group:
@@ -85,7 +85,7 @@ def text_of(link: Link, now: int, config: DriverConfig) -> str:
         return link.setup.refusal
     if link.in_fault:
         return f"in fault: {link.fault_text()}"
-    if link.setup.stage is not Stage.RUNNING:
+    if link.setup.stage is not SetupStage.RUNNING:
         return link.setup.stage.value
     if link.feedback_age(now) > config.drive_timeout:
         return "silent"
@@ -118,7 +118,10 @@ def rest(links: Sequence[Link], now: int, config: DriverConfig) -> None:
         if link.doubtful and not link.in_fault:
             link.doubtful = False
             link.setup.check()
-        if link.setup.stage in (Stage.CHECKING, Stage.RUNNING) and link.feedback_age(now) > config.drive_timeout:
+        if (
+            link.setup.stage in (SetupStage.CHECKING, SetupStage.RUNNING)
+            and link.feedback_age(now) > config.drive_timeout
+        ):
             link.forget()
         elif link.misses_heartbeat(now, HEARTBEATS * config.drive_timeout):
             link.doubt_once()
@@ -127,7 +130,7 @@ def rest(links: Sequence[Link], now: int, config: DriverConfig) -> None:
 def retry(links: Sequence[Link]) -> None:
     """Seek drives anew that were refused: a person says that something was changed."""
     for link in links:
-        if link.setup.stage is Stage.REFUSED:
+        if link.setup.stage is SetupStage.REFUSED:
             link.forget()
 
 

@@ -52,7 +52,7 @@ class Facts(NamedTuple):
     stopped: bool
 
 
-class Row(NamedTuple):
+class PhaseTransition(NamedTuple):
     """One arrow: what must be so (`needs`) and not so (`bars`), by the names of :class:`Facts`."""
 
     start: Phase
@@ -69,21 +69,21 @@ _P = Phase
 _RESTING = (_P.OFFLINE, _P.LISTENING, _P.CONFIGURING, _P.LOCKED, _P.READY)
 
 TABLE: Final = (
-    Row(_P.READY, _P.ENABLING, ("enable", "carries", "alone", "complete"), ("faulted",)),
+    PhaseTransition(_P.READY, _P.ENABLING, ("enable", "carries", "alone", "complete"), ("faulted",)),
     *(
         row
         for start, over in (*((start, ()) for start in _RESTING), (_P.STOPPING, ("stopped",)))
         for row in (
-            Row(start, _P.OFFLINE, over, ("carries",)),
-            Row(start, _P.LISTENING, (*over, "carries"), ("alone",)),
-            Row(start, _P.CONFIGURING, (*over, "carries"), ("complete",)),
-            Row(start, _P.LOCKED, (*over, "carries", "complete", "faulted")),
-            Row(start, _P.READY, (*over, "carries", "complete"), ("faulted",)),
+            PhaseTransition(start, _P.OFFLINE, over, ("carries",)),
+            PhaseTransition(start, _P.LISTENING, (*over, "carries"), ("alone",)),
+            PhaseTransition(start, _P.CONFIGURING, (*over, "carries"), ("complete",)),
+            PhaseTransition(start, _P.LOCKED, (*over, "carries", "complete", "faulted")),
+            PhaseTransition(start, _P.READY, (*over, "carries", "complete"), ("faulted",)),
         )
     ),
-    Row(_P.ENABLING, _P.STOPPING, ("incident",)),
-    Row(_P.ENABLING, _P.ENABLED, ("all_enabled",)),
-    Row(_P.ENABLED, _P.STOPPING, ("incident",)),
+    PhaseTransition(_P.ENABLING, _P.STOPPING, ("incident",)),
+    PhaseTransition(_P.ENABLING, _P.ENABLED, ("all_enabled",)),
+    PhaseTransition(_P.ENABLED, _P.STOPPING, ("incident",)),
 )
 """Every arrow; of those that fit, the first is taken. Where none fits, the phase stays."""
 

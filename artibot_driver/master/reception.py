@@ -6,10 +6,10 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
-from artibot_driver.frames import Emcy, Heartbeat, Malformed, Nmt, Sdo, Sync, Unknown
+from artibot_driver.frames import Emcy, Heartbeat, Malformed, Nmt, Sdo, Sync, UnknownFrame
 from artibot_driver.master.link import Link
-from artibot_driver.master.values import Reason, Stop
-from artibot_driver.pdo import Message, Pdo
+from artibot_driver.master.values import StopReason, StopRecord
+from artibot_driver.pdo import FrameMessage, Pdo
 from artibot_driver.rig import Rig
 
 SECOND_DRIVER_TIME: Final = 1_000_000_000
@@ -78,7 +78,7 @@ class Receiver:
         self._quiet_since: int | None
         self.begin()
 
-    def take(self, message: Message, now: int, sampled: int) -> None:
+    def take(self, message: FrameMessage, now: int, sampled: int) -> None:
         """Take a frame; feedback in it was sampled with the SYNC at `sampled`."""
         said = self._codec.decode_message(message)
         if isinstance(said, Pdo):
@@ -88,7 +88,7 @@ class Receiver:
                 self._links[said.node].take_pdo(said, now, sampled)
         elif isinstance(said, (Heartbeat, Emcy, Sdo)):
             self._take_service(said, now)
-        elif isinstance(said, (Unknown, Malformed)):
+        elif isinstance(said, (UnknownFrame, Malformed)):
             self._tally["malformed" if isinstance(said, Malformed) else "unknown_frames"] += 1
         elif isinstance(said, Sync):
             self._tally["foreign_sync"] += 1
@@ -122,10 +122,12 @@ class Receiver:
         self._other = (now, self._other[1] if self._other else what)
         self.leads = self.leads and self._led
 
-    def trouble(self, now: int) -> Iterator[Stop]:
+    def trouble(self, now: int) -> Iterator[StopRecord]:
         """That there is a second driver on the bus."""
         if self._second is not None and now - self._second[0] < SECOND_DRIVER_TIME:
-            yield Stop(Reason.SECOND_DRIVER, f"somebody else commands the drives: heard {self._second[1]}", now)
+            yield StopRecord(
+                StopReason.SECOND_DRIVER, f"somebody else commands the drives: heard {self._second[1]}", now
+            )
 
     # Before the first word, and the first after a silence.
 

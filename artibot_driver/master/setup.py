@@ -18,7 +18,7 @@ from canopen.objectdictionary import ODVariable
 from canopen.sdo import SdoAbortedError
 
 from artibot_driver.frames import SDO_REQUEST, Frame, NmtCommand, Sdo, nmt
-from artibot_driver.master.values import Stage
+from artibot_driver.master.values import SetupStage
 from artibot_driver.rig import Rig, Setting
 
 # ----------------------------------------------------------------------
@@ -108,7 +108,7 @@ START_TIMEOUT: Final = 1_000_000_000
 _HEAD_BYTES = 4
 _SEEKING = Setting(0x1000, 0, 0)  # device type: every node has it
 _CIA402 = 402  # its low half names the profile
-_ASKING = (Stage.SETTING, Stage.CHECKING)
+_ASKING = (SetupStage.SETTING, SetupStage.CHECKING)
 _REVISION = (0x1018, 3)
 
 
@@ -119,12 +119,12 @@ class Access(NamedTuple):
     write: bool
 
 
-class Setup:
+class DriveSetup:
     """Sets up one drive, again whenever it has been away.
 
     Attributes
     ----------
-    stage : Stage
+    stage : SetupStage
     refusal : str
         Why the drive is refused, as one line with the mend; empty where it is not.
     remark : str
@@ -143,7 +143,7 @@ class Setup:
 
     def restart(self) -> None:
         """Seek the drive and set it up from the beginning."""
-        self.stage = Stage.SEEKING
+        self.stage = SetupStage.SEEKING
         self.refusal = self.remark = ""
         self._queue: deque[Access] = deque()
         self._part, self._done = -1, 0
@@ -156,11 +156,11 @@ class Setup:
 
     def check(self) -> None:
         """Have the settings of a drive that is set up read again."""
-        if self.stage is Stage.RUNNING:
+        if self.stage is SetupStage.RUNNING:
             self._check()
 
     def _check(self) -> None:
-        self.stage, self._done = Stage.CHECKING, self._total - len(self._checks)
+        self.stage, self._done = SetupStage.CHECKING, self._total - len(self._checks)
         self._queue = deque(Access(each, False) for each in self._checks)
         self._tries, self._asked = 0, False
 
@@ -171,13 +171,13 @@ class Setup:
 
     def step(self, now: int) -> Iterator[Frame]:
         """Frames that are due now."""
-        if self.stage is Stage.SEEKING and now >= self._due:
+        if self.stage is SetupStage.SEEKING and now >= self._due:
             self._due = now + SEEK_PERIOD
             yield nmt(NmtCommand.ENTER_PRE_OPERATIONAL, self.node)
             yield self._request(_SEEKING, write=False)
         elif self.stage in _ASKING and (not self._asked or now >= self._due):
             yield from self._ask(now)
-        elif self.stage is Stage.STARTING and now >= self._due:
+        elif self.stage is SetupStage.STARTING and now >= self._due:
             self._started = now if self._started is None else self._started
             self._due = now + SEEK_PERIOD
             if now - self._started > START_TIMEOUT:
@@ -197,14 +197,14 @@ class Setup:
 
     def started(self) -> None:
         """Feedback has come: the drive is operational."""
-        if self.stage is Stage.STARTING:
+        if self.stage is SetupStage.STARTING:
             self._check()
 
     def take(self, answer: Sdo) -> None:
         """An answer of the drive; what was not asked for is only counted."""
-        if self.stage is Stage.SEEKING and (answer.index, answer.subindex) == _SEEKING.key:
+        if self.stage is SetupStage.SEEKING and (answer.index, answer.subindex) == _SEEKING.key:
             if answer.service == "upload" and int.from_bytes(answer.data[:2], "little") == _CIA402:
-                self.stage = Stage.SETTING
+                self.stage = SetupStage.SETTING
                 self._next_part()
             else:
                 self._tally["sdo_unexpected"] += 1
@@ -224,14 +224,14 @@ class Setup:
     def _compare(self, setting: Setting, answer: Sdo) -> None:
         """Take the value that was read: right, to be written, or a reason to refuse the drive."""
         found = int.from_bytes(answer.data[: self._size(setting)], "little", signed=setting.value < 0)
-        if self.stage is Stage.SETTING and setting.written:
+        if self.stage is SetupStage.SETTING and setting.written:
             self._found[setting.key] = found
         if setting.accepts(found):
             self._advance()
         elif setting.key == _REVISION:
             self.remark = differs(self._rig, self.motor, setting, found)
             self._advance()
-        elif self.stage is Stage.SETTING and setting.written:
+        elif self.stage is SetupStage.SETTING and setting.written:
             self._wrong.append(setting)
             self._advance()
         elif setting.written and self._is_first(setting):
@@ -243,7 +243,7 @@ class Setup:
     def _take_abort(self, setting: Setting, write: bool, code: int) -> None:
         if code in TRANSIENT and self._tries + 1 < TRIES:
             self._due = 0  # as if it had not been answered
-        elif self.stage is Stage.SETTING and setting.written and not write:
+        elif self.stage is SetupStage.SETTING and setting.written and not write:
             self._wrong.append(setting)  # it cannot be read: whether it can be written is to be seen
             self._advance()
         elif setting.written and self._is_first(setting):
@@ -263,7 +263,7 @@ class Setup:
         return before != setting
 
     def _refuse(self, text: str) -> None:
-        self.stage, self.refusal, self._failed = Stage.REFUSED, text, None
+        self.stage, self.refusal, self._failed = SetupStage.REFUSED, text, None
 
     def _advance(self) -> None:
         """Go on after an answer."""
@@ -272,8 +272,8 @@ class Setup:
         self._tries, self._asked = 0, False
         if self._queue:
             return
-        if self.stage is Stage.CHECKING:
-            self.stage, self._failed = Stage.RUNNING, None
+        if self.stage is SetupStage.CHECKING:
+            self.stage, self._failed = SetupStage.RUNNING, None
         elif self._wrong:
             self._queue = deque(Access(each, True) for each in self._to_write())
             self._wrong = []
@@ -287,7 +287,7 @@ class Setup:
         if self._part < len(self._parts):
             self._queue = deque(Access(each, False) for each in last_of(self._parts[self._part]))
         else:
-            self.stage, self._due, self._started = Stage.STARTING, 0, None
+            self.stage, self._due, self._started = SetupStage.STARTING, 0, None
 
     def _to_write(self) -> Iterator[Setting]:
         """The settings of a part of which some are wrong; a mapping that is right stays, for it may be fixed."""
@@ -310,7 +310,7 @@ class Setup:
         return len(variable) // 8
 
 
-def due(setups: Sequence[Setup], now: int, most: int, turn: int) -> list[Frame]:
+def due(setups: Sequence[DriveSetup], now: int, most: int, turn: int) -> list[Frame]:
     """What several drives are to be sent now: of `most` of them, beginning with another one at each turn."""
     frames: list[Frame] = []
     for k in range(len(setups)):

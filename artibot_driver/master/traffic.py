@@ -47,7 +47,7 @@ class AnyBus(Protocol):
         """What is known of its state."""
 
 
-class Traffic:
+class BusTraffic:
     """Reads and sends, and measures both.
 
     Parameters

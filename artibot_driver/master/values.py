@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from artibot_driver.bus import BusState
-from artibot_driver.cia402 import State, StatusBit
+from artibot_driver.cia402 import DriveState, StatusBit
 from artibot_driver.master.phases import Phase
 from artibot_sim.sharing import Law
 
@@ -49,7 +49,7 @@ class Setpoints:
     law: Law | None = None
 
 
-class Reason(enum.Enum):
+class StopReason(enum.Enum):
     """Why the rover was stopped."""
 
     DISABLE = "disable was asked for"
@@ -70,11 +70,11 @@ class Reason(enum.Enum):
     @property
     def asked_for(self) -> bool:
         """Whether somebody wanted it so: nothing to worry about."""
-        return self in (Reason.DISABLE, Reason.QUICK_STOP)
+        return self in (StopReason.DISABLE, StopReason.QUICK_STOP)
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopRecord:
     """The first reason of the last stop: kept until the next enable.
 
     Attributes
@@ -87,7 +87,7 @@ class Stop:
         Whose drive it was, empty where it was none's.
     """
 
-    reason: Reason
+    reason: StopReason
     text: str
     at_ns: int
     motor: str = ""
@@ -128,7 +128,7 @@ class Commanded:
     stamp_ns: int = 0
 
 
-class Stage(enum.Enum):
+class SetupStage(enum.Enum):
     """How far a drive is set up."""
 
     SEEKING = "not heard"
@@ -145,7 +145,7 @@ class DriveStatus:
 
     Attributes
     ----------
-    state : State or None
+    state : DriveState or None
         Of CiA 402; None where it is not known.
     trouble : str
         What is wrong with it, one sentence; empty where nothing is.
@@ -163,8 +163,8 @@ class DriveStatus:
 
     motor: str
     node: int
-    stage: Stage
-    state: State | None
+    stage: SetupStage
+    state: DriveState | None
     trouble: str
     emergency: str
     error_code: int
@@ -205,12 +205,12 @@ class BusStatus:
 
 
 @dataclass(frozen=True)
-class Status:
+class MasterStatus:
     """All that a diagnosis needs, once a cycle.
 
     Attributes
     ----------
-    stop : Stop or None
+    stop : StopRecord or None
         Why the rover is not enabled any more; None after an enable, and where it never was.
     armed_ns : int or None
         Steady time of the last enable: set-points have to be younger. None where it is not enabled.
@@ -230,7 +230,7 @@ class Status:
     """
 
     phase: Phase
-    stop: Stop | None
+    stop: StopRecord | None
     armed_ns: int | None
     following: bool
     refusal: str
@@ -243,9 +243,9 @@ class Status:
 
 
 @dataclass(frozen=True)
-class Cycle:
+class MasterCycle:
     """What one call of :meth:`Master.cycle` gives."""
 
     feedback: Feedback
     commanded: Commanded
-    status: Status
+    status: MasterStatus

@@ -10,7 +10,16 @@ import dataclasses
 from collections.abc import Callable
 from typing import Final
 
-from artibot_driver.cia402 import Command, Event, OperationMode, State, StatusBit, command_of, statusword, transition
+from artibot_driver.cia402 import (
+    Command,
+    DriveEvent,
+    DriveState,
+    OperationMode,
+    StatusBit,
+    command_of,
+    statusword,
+    transition,
+)
 from artibot_driver.dictionary import load_dictionary
 from artibot_driver.frames import Frame, NmtState
 from artibot_driver.rig import Rig
@@ -31,7 +40,7 @@ SENSOR: Final = 0x7300
 """Error code of a motor whose position or speed is no number."""
 
 _QUICK_STOPS: Final = (0, 1, 2, SLOW_DOWN_AND_STAY, QUICK_STOP_AND_STAY)
-POWERED: Final = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+POWERED: Final = (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION_ACTIVE)
 """States in which the motor may have current."""
 
 _NEEDED: Final = (
@@ -56,7 +65,7 @@ class SimulatedDrive(CanopenNode):
 
     Attributes
     ----------
-    state : State
+    state : DriveState
 
     Raises
     ------
@@ -82,7 +91,7 @@ class SimulatedDrive(CanopenNode):
         self._reset()
 
     def _reset(self) -> None:
-        self.state = State.NOT_READY_TO_SWITCH_ON
+        self.state = DriveState.NOT_READY_TO_SWITCH_ON
         self._controlword = 0
         self._defect = 0
         self._reacting = False
@@ -90,8 +99,8 @@ class SimulatedDrive(CanopenNode):
         self._shaft.command(FREE)
 
     def _run(self, dt: float) -> None:
-        if self.state is State.NOT_READY_TO_SWITCH_ON:
-            self._take(Event.INITIALISED)
+        if self.state is DriveState.NOT_READY_TO_SWITCH_ON:
+            self._take(DriveEvent.INITIALISED)
         self._move(dt)
 
     def fail(self, code: int, register: int = GENERIC, *, lasting: bool = False) -> None:
@@ -128,13 +137,13 @@ class SimulatedDrive(CanopenNode):
             self._take(Command.DISABLE_VOLTAGE if action == 2 else Command.QUICK_STOP)
 
     def _connection_back(self) -> None:
-        if self.state not in (State.FAULT, State.FAULT_REACTION_ACTIVE):
+        if self.state not in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
             self._errors_gone()
 
     def _fault(self, code: int, register: int) -> None:
-        self._reacting = self._reacting or self.state in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE)
+        self._reacting = self._reacting or self.state in (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE)
         self._emergency(code, register)
-        self._take(Event.FAULT)
+        self._take(DriveEvent.FAULT)
 
     def _take_controlword(self, word: int) -> None:
         command, self._controlword = command_of(word, self._controlword), word
@@ -143,13 +152,13 @@ class SimulatedDrive(CanopenNode):
         while self._take(command):
             pass
 
-    def _take(self, trigger: Command | Event | None) -> bool:
+    def _take(self, trigger: Command | DriveEvent | None) -> bool:
         holds = self.objects.values[0x605A, 0] in (SLOW_DOWN_AND_STAY, QUICK_STOP_AND_STAY)
         found = transition(self.state, trigger, holds=holds)
         if found is None:
             return False
         was, self.state = self.state, found.end
-        if self.state is State.OPERATION_ENABLED and was is not State.QUICK_STOP_ACTIVE:
+        if self.state is DriveState.OPERATION_ENABLED and was is not DriveState.QUICK_STOP_ACTIVE:
             self._refresh()
             self._motion.begin(self.objects.values[0x606C, 0], 0)
         if self.state not in POWERED:
@@ -162,23 +171,23 @@ class SimulatedDrive(CanopenNode):
     def _move(self, dt: float) -> None:
         """Ramps and set-points of the states in which the motor has current."""
         values, mode = self.objects.values, self.objects.values[0x6060, 0]
-        if self.state is State.OPERATION_ENABLED:
+        if self.state is DriveState.OPERATION_ENABLED:
             self._shaft.command(self._motion.follow(mode, dt))
         elif self.state in POWERED:
-            reaction = self.state is State.FAULT_REACTION_ACTIVE
+            reaction = self.state is DriveState.FAULT_REACTION_ACTIVE
             code = values[0x605E if reaction else 0x605A, 0]
             self._refresh()
             command, done = self._motion.ramp_down(mode, code, values[0x606C, 0], dt)
             self._shaft.command(command if not reaction or self._reacting else FREE)
             if done or (reaction and not self._reacting):
-                self._take(Event.FAULT_REACTION_DONE if reaction else Event.QUICK_STOP_DONE)
-                self._reacting = self._reacting and self.state is State.FAULT_REACTION_ACTIVE
+                self._take(DriveEvent.FAULT_REACTION_DONE if reaction else DriveEvent.QUICK_STOP_DONE)
+                self._reacting = self._reacting and self.state is DriveState.FAULT_REACTION_ACTIVE
 
     def _check_mode(self, mode: int) -> None:
         known = {int(each) for each in OperationMode if each.supported_bit & self.objects.values[0x6502, 0]}
         if mode and mode not in known:
             raise Abort(INVALID_VALUE)
-        if mode != self.objects.values[0x6060, 0] and self.state is State.OPERATION_ENABLED:
+        if mode != self.objects.values[0x6060, 0] and self.state is DriveState.OPERATION_ENABLED:
             self._refresh()
             self._motion.begin(self.objects.values[0x606C, 0], 0)
 
@@ -194,10 +203,10 @@ class SimulatedDrive(CanopenNode):
             position = round(shaft.position / scaling.position.step)
             velocity, torque = scaling.velocity.raw(shaft.velocity).raw, scaling.torque.raw(shaft.torque).raw
         except (ArtibotError, ValueError, OverflowError):  # NaN or infinity: the encoder has failed
-            if self.state not in (State.FAULT, State.FAULT_REACTION_ACTIVE):
+            if self.state not in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE):
                 self._reacting = False
                 self._emergency(SENSOR, GENERIC)
-                self._take(Event.FAULT)
+                self._take(DriveEvent.FAULT)
         else:
             values[0x6064, 0], values[0x606C, 0], values[0x6077, 0] = wrap(position), velocity, torque
         values[0x606B, 0], values[0x6074, 0] = round(self._motion.velocity), round(self._motion.torque)
@@ -208,7 +217,7 @@ class SimulatedDrive(CanopenNode):
         values, mode = self.objects.values, self.objects.values[0x6060, 0]
         bits = StatusBit.VOLTAGE_ENABLED
         bits |= StatusBit.REMOTE if self.nmt is NmtState.OPERATIONAL else StatusBit(0)
-        if self.state is State.OPERATION_ENABLED:
+        if self.state is DriveState.OPERATION_ENABLED:
             bits |= StatusBit.INTERNAL_LIMIT if self._motion.limited else StatusBit(0)
             bits |= StatusBit.TARGET_REACHED if self._motion.reached(mode) else StatusBit(0)
             if mode in (OperationMode.CYCLIC_SYNC_VELOCITY, OperationMode.CYCLIC_SYNC_TORQUE):

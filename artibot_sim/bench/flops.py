@@ -20,7 +20,7 @@ COUNTED: Counter[str] = Counter()
 _NAMES = {"add": "+", "sub": "−", "mul": "×", "truediv": "÷"}
 
 
-class Number(float):
+class CountingFloat(float):
     """A float that counts its operations."""
 
     __slots__ = ()
@@ -29,37 +29,37 @@ class Number(float):
 def _counting(name: str, kind: str) -> Any:
     plain = getattr(float, name)
 
-    def operate(self: Number, other: Any) -> Any:
+    def operate(self: CountingFloat, other: Any) -> Any:
         result = plain(self, other)
         if result is NotImplemented:
             return result
         COUNTED[kind] += 1
-        return Number(result)
+        return CountingFloat(result)
 
     return operate
 
 
 for _word, _kind in _NAMES.items():
     for _form in (f"__{_word}__", f"__r{_word}__"):
-        setattr(Number, _form, _counting(_form, _kind))
+        setattr(CountingFloat, _form, _counting(_form, _kind))
 
 
 def _free(name: str) -> Any:
     """Signs cost nothing."""
     plain = getattr(float, name)
-    return lambda self: Number(plain(self))
+    return lambda self: CountingFloat(plain(self))
 
 
 for _form in ("__neg__", "__abs__", "__pos__"):
-    setattr(Number, _form, _free(_form))
+    setattr(CountingFloat, _form, _free(_form))
 
 
 def _function(name: str) -> Any:
     plain = getattr(math, name)
 
-    def call(*values: Any) -> Number:
+    def call(*values: Any) -> CountingFloat:
         COUNTED[name] += 1
-        return Number(plain(*values))
+        return CountingFloat(plain(*values))
 
     return call
 
@@ -68,7 +68,7 @@ def _numbers(array: Any) -> Any:
     """An array of counting numbers."""
     out = np.empty(np.shape(array), dtype=object)
     flat = np.asarray(array, float).ravel().tolist()
-    out.ravel()[:] = [Number(value) for value in flat]
+    out.ravel()[:] = [CountingFloat(value) for value in flat]
     return out
 
 
@@ -77,9 +77,9 @@ def _bits_of(number: float) -> int:
     return int(struct.unpack("<q", struct.pack("<d", number))[0])
 
 
-def _number_of(bits: int) -> Number:
+def _number_of(bits: int) -> CountingFloat:
     """The float64 that has the last 64 of these bits."""
-    return Number(struct.unpack("<d", struct.pack("<Q", bits % 2**64))[0])
+    return CountingFloat(struct.unpack("<d", struct.pack("<Q", bits % 2**64))[0])
 
 
 def _patch() -> None:
@@ -98,7 +98,7 @@ def operations(steps: int) -> int:
     from artibot_sim.model import Mode, load_robot
     from artibot_sim.model.equations.transmission import back_torque_factor
     from artibot_sim.model.kernels import loop, plane_loop
-    from artibot_sim.model.kernels.layout import Grid, MotorInputs, Rows, RunState
+    from artibot_sim.model.kernels.layout import Grid, KernelInputs, RowTables, RunState
     from artibot_sim.model.robot.derived import params
     from artibot_sim.model.simulate.state import initial_state
     from artibot_sim.planning import load_manoeuvre, plan
@@ -109,8 +109,8 @@ def operations(steps: int) -> int:
     commands = [_numbers(np.nan_to_num(part[knot : knot + 3])) for part in (planned.position, planned.velocity)]
     v = start.v.copy()
     v[[6, 7]] = planned.velocity[knot, :2]
-    rows = Rows(np.empty((2, 16)), np.empty((2, 16)), np.empty((2, loop.ROW)))
-    work = loop.Work(*map(_numbers, loop.workspace()))
+    rows = RowTables(np.empty((2, 16)), np.empty((2, 16)), np.empty((2, loop.ROW)))
+    work = loop.Workspace(*map(_numbers, loop.workspace()))
     torque = np.full((3, 4), np.nan)
     modes = np.array([Mode.PRESCRIBED] * 2 + [Mode.TORQUE] * 2, dtype=np.int64)
     q, v, eta, fed = (_numbers(part) for part in (start.q, v, start.eta, start.torque))
@@ -119,7 +119,7 @@ def operations(steps: int) -> int:
     COUNTED.clear()
     integrate: Any = plane_loop.level_rk4
     position, velocity = commands
-    inputs = MotorInputs(modes, position, velocity, _numbers(torque), back_torque_factor(robot, 0.8))
+    inputs = KernelInputs(modes, position, velocity, _numbers(torque), back_torque_factor(robot, 0.8))
     grid = Grid(1e-3, steps, steps, 10)
     status, _ = integrate(RunState(q, v, eta, fed, np.zeros(4)), params(robot), inputs, grid, work, rows, None)
     assert status == loop.OK, "Agri.q stands level"

@@ -33,8 +33,7 @@ from artibot_sim.model import (
 )
 from artibot_sim.model.effects import EFFECTS, LAWS
 from artibot_sim.model.simulate.batch import available_cores, rollout_batch
-from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable
-from artibot_sim.model.simulate.window_inputs import Plan as SamplingPlan
+from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, SamplingPlan
 from artibot_sim.model.simulate.windows import WindowBatch
 from artibot_sim.planning import Plan, load_manoeuvre, plan
 

@@ -94,7 +94,7 @@ def mujoco_heightfield(scenario: Scenario) -> list[Result]:
 
 def mujoco_export(scenario: Scenario) -> list[Result]:
     """How far turns in MuJoCo are off the model's, with the MJCF that `artibot export` fits; on other turns."""
-    from artibot_sim.exchange.mjcf import DEFAULT_IMPEDANCE, Contact, fitted, mjcf, turn_errors
+    from artibot_sim.exchange.mjcf import DEFAULT_IMPEDANCE, ContactSettings, fitted, mjcf, turn_errors
     from artibot_sim.exchange.turning import steady_turn, turn_speed
 
     robot = load_robot("husky")
@@ -103,7 +103,7 @@ def mujoco_export(scenario: Scenario) -> list[Result]:
     scenario.tick()
     v, radii = turn_speed(robot), (1.5, -1.5, 3.0, -3.0, 6.0, -6.0)
     turns = [steady_turn(robot, np.array([1 + 0.5 / r, 1 - 0.5 / r]) * v / robot.wheel.r_w) for r in radii]
-    plain = Contact(robot.contact.mu_s, DEFAULT_IMPEDANCE)
+    plain = ContactSettings(robot.contact.mu_s, DEFAULT_IMPEDANCE)
     off, unfitted = (100 * turn_errors(robot, mjcf(robot, each), turns)[:, 0] for each in (contact, plain))
     rms, rms_unfitted = (float(np.sqrt(np.mean(each**2))) for each in (off, unfitted))
     note = (

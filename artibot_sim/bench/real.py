@@ -46,7 +46,7 @@ _DRAWS = 1000
 
 
 @dataclass(frozen=True)
-class Ground:
+class RobotOnGround:
     """One robot on one ground.
 
     Attributes
@@ -64,12 +64,12 @@ class Ground:
 
 
 GROUNDS = (
-    Ground("husky, tiles, soft tyres", "husky_driven", ("husky_deflated",)),
-    Ground("husky, wet grass", "husky_driven", ("husky_wetgrass",)),
-    Ground("husky, not stated", "husky_driven", ("husky_drive_a", "husky_drive_b")),
-    Ground("warthog, asphalt", "warthog", ("warthog_asphalt",)),
-    Ground("warthog, gravel", "warthog", ("warthog_gravel",)),
-    Ground("optiodom", "optiodom_diff", ("optiodom_diff_1", "optiodom_diff_2", "optiodom_diff_3")),
+    RobotOnGround("husky, tiles, soft tyres", "husky_driven", ("husky_deflated",)),
+    RobotOnGround("husky, wet grass", "husky_driven", ("husky_wetgrass",)),
+    RobotOnGround("husky, not stated", "husky_driven", ("husky_drive_a", "husky_drive_b")),
+    RobotOnGround("warthog, asphalt", "warthog", ("warthog_asphalt",)),
+    RobotOnGround("warthog, gravel", "warthog", ("warthog_gravel",)),
+    RobotOnGround("optiodom", "optiodom_diff", ("optiodom_diff_1", "optiodom_diff_2", "optiodom_diff_3")),
 )
 
 
@@ -79,7 +79,7 @@ GROUNDS = (
 
 
 @dataclass(frozen=True)
-class Part:
+class RecordingPart:
     """What is fitted or judged together: a recording, or some blocks of it."""
 
     experiments: tuple[Experiment, ...]
@@ -131,7 +131,7 @@ def _leaps(t: Array, pose: Array, rim: float) -> bool:
     return bool((steps > rim * (np.diff(t) + _JITTER) + _LEAP).any())
 
 
-def parts_of(ground: Ground, folder: Path, robot: Robot) -> list[Part]:
+def parts_of(ground: RobotOnGround, folder: Path, robot: Robot) -> list[RecordingPart]:
     """What is fitted or judged together: recordings, or the two halves of a single one."""
     recordings = [read_bag(folder / name) for name in ground.recordings]
     if len(recordings) == 1:
@@ -139,7 +139,7 @@ def parts_of(ground: Ground, folder: Path, robot: Robot) -> list[Part]:
     found = []
     for experiment in recordings:
         windows, leaps = windows_of(experiment, robot.wheel.r_w)
-        found.append(Part((experiment,), windows, leaps))
+        found.append(RecordingPart((experiment,), windows, leaps))
     return found
 
 
@@ -190,7 +190,7 @@ _DELAY = 0.1
 """s to which that is known."""
 
 
-def fit_artibot(part: Part, robot: Robot, beside: Sequence[tuple[str, str]], rolling: Kinematic) -> Work:
+def fit_artibot(part: RecordingPart, robot: Robot, beside: Sequence[tuple[str, str]], rolling: Kinematic) -> Work:
     """The soil, and what else is asked for, identified from a part to which `rolling` was fitted."""
     from artibot_sim.identify import identify, parse_priors
     from artibot_sim.identify.run import SOIL
@@ -201,7 +201,7 @@ def fit_artibot(part: Part, robot: Robot, beside: Sequence[tuple[str, str]], rol
     return identify(list(part.experiments), robot, fit=fit, priors=parse_priors(given), window=HORIZON)
 
 
-def predict_artibot(robot: Robot, late: float, part: Part, rolling: Kinematic) -> Array:
+def predict_artibot(robot: Robot, late: float, part: RecordingPart, rolling: Kinematic) -> Array:
     """Ends of a part's windows by the model of a robot whose poses are `late` (s), seen from their starts.
 
     Every window starts at the pose that is measured there, with the velocity that `rolling` gives to its wheels:
@@ -218,13 +218,13 @@ def predict_artibot(robot: Robot, late: float, part: Part, rolling: Kinematic) -
     return ends
 
 
-def _simulated_ends(robot: Robot, part: Part, rolling: Kinematic, earlier: float) -> Array:
+def _simulated_ends(robot: Robot, part: RecordingPart, rolling: Kinematic, earlier: float) -> Array:
     """Ends of windows (n, 3) by a model that starts so much earlier, s; NaN where no wheels are recorded then."""
     from artibot_sim.estimation.measurements import stretches
     from artibot_sim.estimation.parameters import ParameterSet
     from artibot_sim.estimation.problem import Problem
     from artibot_sim.estimation.windows import window_at
-    from artibot_sim.model.simulate.window_inputs import KINDS, Plan
+    from artibot_sim.model.simulate.window_inputs import KINDS, SamplingPlan
 
     found, windows = stretches(part.experiments[0], robot), part.windows
     rows, chosen, ends = [], [], []
@@ -248,7 +248,7 @@ def _simulated_ends(robot: Robot, part: Part, rolling: Kinematic, earlier: float
     now = round((BEFORE - (earlier or rolling.delay)) / STEP)
     starts[:, 3:6] = rolling.rates(windows.speed[rows, now])
     kinds = np.array([KINDS.index(name) for name in ("x", "y", "yaw")])
-    seen = problem.sampled(np.empty(0), starts, [Plan(np.full(3, end), kinds) for end in ends])
+    seen = problem.sampled(np.empty(0), starts, [SamplingPlan(np.full(3, end), kinds) for end in ends])
     moved = replace(windows[np.array(rows)], end=np.array(seen)).moved
     every[rows] = moved
     return every
@@ -302,7 +302,7 @@ BASE = "ICR"
 """Model that others stand against."""
 
 
-def blocks_of(parts: Sequence[Part]) -> NDArray[np.int64]:
+def blocks_of(parts: Sequence[RecordingPart]) -> NDArray[np.int64]:
     """Which block every window of all parts is of: what follows each other within `BLOCK` s is not independent."""
     found, count = [], 0
     for part in parts:
@@ -355,11 +355,11 @@ def turned_back(windows: DrivenWindows) -> NDArray[np.bool_]:
     return np.asarray((right - left)[rows, first] * (right - left)[rows, last] < 0.0)
 
 
-Fitted = tuple[Callable[[Part], Array], str]
+Fitted = tuple[Callable[[RecordingPart], Array], str]
 """A model fitted to one part: what predicts another, and its values in words."""
 
 
-def fit_model(model: str, part: Part, robot: Robot) -> Fitted:
+def fit_model(model: str, part: RecordingPart, robot: Robot) -> Fitted:
     """One of MODELS fitted to a part."""
     windows = part.windows
     if model == "ideal":
@@ -393,7 +393,7 @@ def as_recorded(robot: Robot, shifts: Mapping[str, float]) -> tuple[Robot, float
 MODELS = ("ideal", *FREE, "regressor", *ARTIBOT)
 
 
-def judge(ground: Ground, folder: Path, models: Sequence[str] = MODELS) -> Iterator[Score]:
+def judge(ground: RobotOnGround, folder: Path, models: Sequence[str] = MODELS) -> Iterator[Score]:
     """Every model's errors on one ground, each part predicted by what was fitted to the others."""
     robot = load_robot(ground.robot)
     parts = parts_of(ground, folder, robot)
@@ -423,11 +423,11 @@ def judge(ground: Ground, folder: Path, models: Sequence[str] = MODELS) -> Itera
         )  # fmt: skip
 
 
-def _together(parts: Sequence[Part]) -> Part:
+def _together(parts: Sequence[RecordingPart]) -> RecordingPart:
     """Several parts as one to fit."""
     columns = zip(*((w.t, w.length, w.start, w.end, w.speed) for w in (part.windows for part in parts)), strict=True)
     experiments = tuple(experiment for part in parts for experiment in part.experiments)
-    return Part(experiments, DrivenWindows(*(np.concatenate(column) for column in columns)))
+    return RecordingPart(experiments, DrivenWindows(*(np.concatenate(column) for column in columns)))
 
 
 # ----------------------------------------------------------------------
@@ -479,7 +479,7 @@ def data_folder(given: Path | None) -> Path:
     return named
 
 
-def usable(folder: Path, only: Sequence[str]) -> tuple[list[Ground], list[str]]:
+def usable(folder: Path, only: Sequence[str]) -> tuple[list[RobotOnGround], list[str]]:
     """Grounds whose recordings are there, and sentences on those that are not."""
     found, said = [], []
     for ground in GROUNDS:

@@ -99,7 +99,7 @@ class VariantOutcome:
 
 
 @dataclass(frozen=True)
-class Spread:
+class OutcomeSpread:
     """How far the outcomes of one case differ.
 
     Attributes
@@ -120,7 +120,7 @@ class Spread:
     lengths: float
 
     @classmethod
-    def of(cls, outcomes: Sequence[VariantOutcome]) -> Spread:
+    def of(cls, outcomes: Sequence[VariantOutcome]) -> OutcomeSpread:
         """Of outcomes, the first of which is that of the recordings as they are."""
         first = outcomes[0]
         same = [one for one in outcomes if (one.verdict, one.names) == (first.verdict, first.names)]
@@ -251,7 +251,7 @@ def main(examples: Path | None, count: int, duration: float, quick: bool, robot:
             values = ", ".join(f"{key} {v:.5g} ± {0.5 * w:.2g}" for key, (v, w) in one.values.items())
             names = ", ".join(one.names) or "-"
             click.echo(f"  {one.variant:24s} {one.verdict:12s} {names:24s} {one.nats:10.1f} nats  {values}")
-        spread = Spread.of(found)
+        spread = OutcomeSpread.of(found)
         good = spread.steady(found[0].nats)
         steady, total = steady + good, total + 1
         click.echo(

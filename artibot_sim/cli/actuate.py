@@ -12,7 +12,7 @@ import click
 from artibot_sim.errors import ArtibotError
 
 if TYPE_CHECKING:
-    from artibot_sim.actuate import Actuation
+    from artibot_sim.actuate import TrajectoryRun
 
 USUAL = ("constant:kappa=1", "constant:kappa=0.65", "by_curvature", "relieve", "vectoring")
 """Laws that are compared unless others are named."""
@@ -56,7 +56,7 @@ def command(manoeuvre: str, robot: str, laws: tuple[str, ...], limited: bool, ou
     return 0
 
 
-def _compare(manoeuvre: str, name: str, texts: Sequence[str], limited: bool) -> list[Actuation]:
+def _compare(manoeuvre: str, name: str, texts: Sequence[str], limited: bool) -> list[TrajectoryRun]:
     from artibot_sim.actuate import actuate
     from artibot_sim.model import load_robot
     from artibot_sim.planning import load_manoeuvre, plan
@@ -82,7 +82,7 @@ def _laws() -> Any:
     return table
 
 
-def figures(found: Actuation) -> dict[str, tuple[float, str]]:
+def figures(found: TrajectoryRun) -> dict[str, tuple[float, str]]:
     """Figures of merit by name, with their units."""
     return {
         "e_gamma": (100 * found.e_gamma, "%"), "e_x": (100 * found.e_x, "%"),
@@ -91,7 +91,7 @@ def figures(found: Actuation) -> dict[str, tuple[float, str]]:
     }  # fmt: skip
 
 
-def _table(found: Sequence[Actuation], manoeuvre: str, robot: str) -> Any:
+def _table(found: Sequence[TrajectoryRun], manoeuvre: str, robot: str) -> Any:
     from rich.table import Table
 
     plan = found[0].plan
@@ -113,7 +113,7 @@ def _table(found: Sequence[Actuation], manoeuvre: str, robot: str) -> Any:
     return table
 
 
-def _write(found: Sequence[Actuation], out: Path, robot: str, manoeuvre: str) -> list[Path]:
+def _write(found: Sequence[TrajectoryRun], out: Path, robot: str, manoeuvre: str) -> list[Path]:
     from artibot_sim.actuate import sheet
     from artibot_sim.report.files import write_files
     from artibot_sim.reproduce.page import render_sheet

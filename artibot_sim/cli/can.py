@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from artibot_driver.explain import Explained, Explainer
     from artibot_driver.rig import Rig
     from artibot_driver.traffic import Traffic
-    from artibot_sim.experiment.can_frames import CanFrame, Frames
+    from artibot_sim.experiment.can_frames import CanFrame, FrameStream
 
 _SECOND: Final = 1_000_000_000
 _KINDS: Final = ("rpdo", "tpdo", "sync", "nmt", "heartbeat", "emcy", "sdo", "error", "malformed", "other")
@@ -112,7 +112,7 @@ def _checked_nodes(nodes: tuple[str, ...], explainer: Explainer) -> frozenset[st
 
 
 def _print(
-    frames: Frames, explainer: Explainer, nodes: frozenset[str], kinds: frozenset[str], form: str | None, raw: bool
+    frames: FrameStream, explainer: Explainer, nodes: frozenset[str], kinds: frozenset[str], form: str | None, raw: bool
 ) -> int:
     """Print the frames that match; return how many."""
     from artibot_driver.explain import COLUMNS, as_csv, as_json, for_reading, matches
@@ -143,7 +143,7 @@ def quiet_pipe() -> Iterator[None]:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is buffered has to go somewhere
 
 
-def with_progress(frames: Frames) -> Iterator[CanFrame]:
+def with_progress(frames: FrameStream) -> Iterator[CanFrame]:
     """The frames; where standard output goes elsewhere than to a terminal and takes its time, with a bar."""
     if frames.start_ns is None or frames.end_ns is None or sys.stdout.isatty():
         yield from frames.stream

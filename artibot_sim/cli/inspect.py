@@ -17,7 +17,7 @@ _HELD = 0.05
 """Share of repeated samples that is said."""
 _NAMES = 7
 """Columns that are listed by name."""
-_SHOWN = ("kappa", "surface", "operator", "description")
+_METADATA = ("kappa", "surface", "operator", "description")
 """Strings of a recording's record that are shown."""
 _COMMANDS = ("/motor_command", "/motor_command_request", "/cmd_vel")
 """What is given, and so is held by its nature."""
@@ -113,7 +113,7 @@ def _robot(found: Inspection) -> str:
 
     when = datetime.fromtimestamp(found.started_ns / 1e9, tz=timezone.utc)
     started = f", recorded {when:%Y-%m-%d %H:%M} UTC" if when.year > 1990 else ""
-    said = [f"{key} {value}" for key, value in found.metadata.items() if key in _SHOWN]
+    said = [f"{key} {value}" for key, value in found.metadata.items() if key in _METADATA]
     robot = found.robot or "not said (give --robot)"
     return f"robot {robot}{started}{''.join(f', {word}' for word in said)}"
 

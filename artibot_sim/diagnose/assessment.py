@@ -10,12 +10,12 @@ from artibot_sim.diagnose.commands.view import CommandView, view_with
 from artibot_sim.diagnose.conclusion import HeldOut, shows_forces
 from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.intervals import Uncertain, judged
-from artibot_sim.diagnose.records import ChannelBaseline, Comparison, Estimate, Options
+from artibot_sim.diagnose.records import ChannelBaseline, Comparison, EffectEstimate, Options
 from artibot_sim.diagnose.remains import COMMANDED
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.timetable import Task, Timetable
 from artibot_sim.diagnose.unlisted.fitting import FittedLaws
-from artibot_sim.diagnose.validation.predictions import Pair, baseline_levels, gains, improvements, predict
+from artibot_sim.diagnose.validation.predictions import PredictionPair, baseline_levels, gains, improvements, predict
 from artibot_sim.diagnose.validation.series import comparison, with_commands
 from artibot_sim.diagnose.validation.varying_ground import beside_varying_ground
 from artibot_sim.estimation.checks.common_map import in_common_map
@@ -27,7 +27,7 @@ from artibot_sim.experiment import Experiment
 from artibot_sim.identify.validation import PredictedRecording
 from artibot_sim.model import Robot
 
-Parameters = Mapping[str, Mapping[str, Estimate]]
+Parameters = Mapping[str, Mapping[str, EffectEstimate]]
 
 
 @dataclass(frozen=True)
@@ -38,14 +38,14 @@ class Assessment:
     ----------
     baseline, extended : Robot
         The paper's model with its soil identified, and with all that is named.
-    effects : mapping of str to mapping of str to Estimate
+    effects : mapping of str to mapping of str to EffectEstimate
         The named effects' parameters.
     channels : mapping of str to ChannelBaseline
     comparisons : list of Comparison
         What pictures are drawn from.
-    neutral : tuple of Held
+    neutral : tuple of PredictedRecording
         All recordings by the paper's model.
-    predicted : tuple of Held
+    predicted : tuple of PredictedRecording
         By the extended model.
     worth : HeldOut
         Of all that is named, or of the laws.
@@ -154,7 +154,7 @@ def _predictions(
     extended: Robot,
     options: Options,
     tick: Callable[[], None],
-) -> list[Pair]:
+) -> list[PredictionPair]:
     """All recordings by both models."""
     return side_by_side(
         lambda one: predict(*one, baseline, extended, options.horizon, options.workers),
@@ -162,10 +162,10 @@ def _predictions(
     )  # fmt: skip
 
 
-def _parameters(decision: Decision, after: Uncertain, seed: int) -> dict[str, Mapping[str, Estimate]]:
+def _parameters(decision: Decision, after: Uncertain, seed: int) -> dict[str, Mapping[str, EffectEstimate]]:
     """Parameters of all named effects, and of laws, with their intervals."""
     problem, fit = decision.whole
-    found: dict[str, Mapping[str, Estimate]] = {}
+    found: dict[str, Mapping[str, EffectEstimate]] = {}
     for which, part in enumerate(problem.parameters.places):
         extension = problem.parameters.extensions[which]
         where = disc_place(problem, fit, which, seed)
@@ -173,7 +173,9 @@ def _parameters(decision: Decision, after: Uncertain, seed: int) -> dict[str, Ma
     return found | {named.effect: named.found for named in decision.named if named.found}
 
 
-def _beside_varying(decision: Decision, pairs: Sequence[Pair], options: Options) -> tuple[float, float] | None:
+def _beside_varying(
+    decision: Decision, pairs: Sequence[PredictionPair], options: Options
+) -> tuple[float, float] | None:
     """What effects say more of held-out windows than varying ground does; None where forces are measured, or none is.
 
     Forces tell varying ground from effects by themselves.

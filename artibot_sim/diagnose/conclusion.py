@@ -19,7 +19,7 @@ from artibot_sim.diagnose.unlisted.beside import Explanations
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
 from artibot_sim.diagnose.validation.predictions import LAWS, Worth, is_minor, is_refuted
 from artibot_sim.diagnose.validation.stability import disagreement, drifts
-from artibot_sim.diagnose.verdict import COMMANDS, MOTION, VERDICT, Outcome, Reason, Row
+from artibot_sim.diagnose.verdict import COMMANDS, MOTION, VERDICT, DecisionRow, Outcome, Reason
 from artibot_sim.model import Robot
 
 
@@ -119,15 +119,15 @@ class Conclusion:
     ----------
     decision : Decision
         With its verdict, what is named, and what is left with that.
-    motion, commands : Row
+    motion, commands : DecisionRow
         The rows that decided about effects fitted to the motion, and about those that only commands show.
     without : tuple of Without
         What is not named though it explains the fitted recordings best.
     """
 
     decision: Decision
-    motion: Row[Outcome]
-    commands: Row[Outcome]
+    motion: DecisionRow[Outcome]
+    commands: DecisionRow[Outcome]
     without: tuple[Without, ...] = ()
 
 
@@ -187,10 +187,13 @@ def concluded(
 
 
 def _withdrawn(
-    about_motion: MotionFacts, motion: Row[Outcome], about_commands: CommandFacts, commands: Row[Outcome]
-) -> list[tuple[MotionFacts | CommandFacts, Row[Outcome]]]:
+    about_motion: MotionFacts,
+    motion: DecisionRow[Outcome],
+    about_commands: CommandFacts,
+    commands: DecisionRow[Outcome],
+) -> list[tuple[MotionFacts | CommandFacts, DecisionRow[Outcome]]]:
     """The facts and rows by which names fell for a reason that is to be said."""
-    found: list[tuple[MotionFacts | CommandFacts, Row[Outcome]]] = []
+    found: list[tuple[MotionFacts | CommandFacts, DecisionRow[Outcome]]] = []
     for facts, row in ((about_motion, motion), (about_commands, commands)):
         if row.reason is not Reason.NO_REASON and row.then is not Outcome.NAMED:
             found.append((facts, row))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.candidates.patches import Place
 from artibot_sim.diagnose.intervals import Uncertain
-from artibot_sim.diagnose.records import Estimate
+from artibot_sim.diagnose.records import EffectEstimate
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.model import Robot
@@ -26,20 +26,20 @@ _NORMAL = 1.96
 
 def found_parameters(
     extension: Extension, own: Array, covariance: Array, places: Mapping[str, Place] | None = None
-) -> dict[str, Estimate]:
+) -> dict[str, EffectEstimate]:
     """Values with intervals of one effect, its choices included; `places` has where on the ground it is."""
     values = extension.values(own)
     low, high = _interval(extension, own, covariance)
-    found: dict[str, Estimate] = {}
+    found: dict[str, EffectEstimate] = {}
     for name, parameter in extension.effect.parameters.items():
         quantity = parameter.quantity
         if isinstance(quantity, Choice):
-            found[name] = Estimate(str(values[name]))
+            found[name] = EffectEstimate(str(values[name]))
         elif name in low:
-            found[name] = Estimate(float(values[name]), quantity.unit, (low[name], high[name]))
+            found[name] = EffectEstimate(float(values[name]), quantity.unit, (low[name], high[name]))
         else:
             value, interval = (places or {}).get(name, (float(values[name]), None))
-            found[name] = Estimate(value, quantity.unit, interval)
+            found[name] = EffectEstimate(value, quantity.unit, interval)
     return found
 
 
@@ -64,7 +64,7 @@ def _interval(extension: Extension, own: Array, covariance: Array) -> tuple[dict
 
 
 def robot_of(
-    problem: Problem, what: Uncertain, causes: Mapping[str, Mapping[str, Estimate]], names: Sequence[str]
+    problem: Problem, what: Uncertain, causes: Mapping[str, Mapping[str, EffectEstimate]], names: Sequence[str]
 ) -> Robot:
     """The robot of a fit with sources and intervals of what was fitted; `causes` are the effects' parameters."""
     parameters = problem.parameters

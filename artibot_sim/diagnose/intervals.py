@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.records import Estimate
+from artibot_sim.diagnose.records import EffectEstimate
 from artibot_sim.estimation.parameters import Extension, ParameterSet
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, Tick
@@ -22,7 +22,7 @@ from artibot_sim.estimation.uncertainty import from_bootstrap
 from artibot_sim.identify.judgement import SYSTEMATIC
 
 Array = NDArray[np.float64]
-FromCommands = Mapping[str, Mapping[str, Estimate]]
+FromCommands = Mapping[str, Mapping[str, EffectEstimate]]
 """By effect, what another view says of its parameters."""
 
 _OWN_SYSTEMATIC = 0.02
@@ -91,7 +91,7 @@ def combined(parameters: ParameterSet, what: Uncertain, from_commands: FromComma
     return Uncertain(np.asarray(np.linalg.solve(parameters.mixing, mean), float), covariance)
 
 
-def _measured(extension: Extension, found: Mapping[str, Estimate]) -> tuple[float, float] | None:
+def _measured(extension: Extension, found: Mapping[str, EffectEstimate]) -> tuple[float, float] | None:
     """The single coordinate of an effect and its variance as another view has them; None where it has none."""
     names = list(extension.search.sizes)
     if len(extension) != 1 or names[0] not in found or found[names[0]].ci95 is None:

@@ -32,15 +32,15 @@ __all__ = [
     "ChannelBaseline",
     "ChannelGain",
     "Comparison",
-    "Estimate",
+    "EffectEstimate",
+    "ErrorLocation",
+    "ErrorSeries",
     "Explainable",
     "NextExperiment",
     "Options",
-    "Place",
     "PredictionError",
     "Predictor",
     "Refusal",
-    "Series",
     "SlowResidual",
     "Unexplained",
     "Verdict",
@@ -133,7 +133,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Estimate:
+class EffectEstimate:
     """One parameter of an effect as the data give it.
 
     Attributes
@@ -158,7 +158,7 @@ class Cause:
     ----------
     effect : str
         Its id.
-    parameters : mapping of str to Estimate
+    parameters : mapping of str to EffectEstimate
     log10_bayes_factor : float
         Against the model without it.
     holdout_improvement : float
@@ -171,7 +171,7 @@ class Cause:
     """
 
     effect: str
-    parameters: Mapping[str, Estimate]
+    parameters: Mapping[str, EffectEstimate]
     log10_bayes_factor: float
     holdout_improvement: float
     ties: tuple[str, ...] = ()
@@ -453,7 +453,7 @@ class SlowResidual:
 
 
 @dataclass(frozen=True)
-class Place:
+class ErrorLocation:
     """Where and when something is wrong, in one sentence."""
 
     channel: str
@@ -474,7 +474,7 @@ class Unexplained:
         A sentence for a person.
     typical : float
         Root mean square of the force itself, N or N m; NaN where it is none.
-    laws : mapping of str to mapping of str to Estimate
+    laws : mapping of str to mapping of str to EffectEstimate
         The force, and others beside it, as terms of the model (`effects.force_law`) with their parameters, where they
         could be fitted to whole windows.
     log10_bayes_factor : float
@@ -490,7 +490,7 @@ class Unexplained:
     unit: str
     where: str
     typical: float = float("nan")
-    laws: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
+    laws: Mapping[str, Mapping[str, EffectEstimate]] = field(default_factory=dict)
     log10_bayes_factor: float = float("nan")
     spans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
@@ -518,7 +518,7 @@ class NextExperiment:
 
 
 @dataclass(frozen=True)
-class Series:
+class ErrorSeries:
     """Errors of one channel of one recording over its predictions: before is the paper's model, after the extended.
 
     Attributes
@@ -554,7 +554,7 @@ class Comparison:
         The same in one run from the recording's start; empty where windows are separate.
     left_before, left_after : float or None
         s, when such a run leaves the measured branch.
-    channels : mapping of str to Series
+    channels : mapping of str to ErrorSeries
     covariates : mapping of str to array, shape (k,)
         On one time grid under ``t``: ``speed`` (m/s), ``yaw_rate`` (rad/s), ``heading`` (rad), ``articulation_yaw``
         (rad), ``x``, ``y`` (m), ``load`` (sum of absolute motor torques, N m; NaN where not measured).
@@ -569,5 +569,5 @@ class Comparison:
     free_after: tuple[Array, ...]
     left_before: float | None
     left_after: float | None
-    channels: Mapping[str, Series]
+    channels: Mapping[str, ErrorSeries]
     covariates: Mapping[str, Array]

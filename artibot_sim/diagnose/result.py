@@ -18,14 +18,14 @@ from artibot_sim.diagnose.records import (
     ChannelBaseline,
     ChannelGain,
     Comparison,
+    EffectEstimate,
     ErrorBudget,
-    Estimate,
+    ErrorLocation,
+    ErrorSeries,
     Explainable,
     NextExperiment,
-    Place,
     Predictor,
     Refusal,
-    Series,
     SlowResidual,
     Unexplained,
     Varies,
@@ -71,12 +71,12 @@ __all__ = [
     "ChannelGain",
     "Comparison",
     "Diagnosis",
+    "EffectEstimate",
     "ErrorBudget",
-    "Estimate",
+    "ErrorLocation",
+    "ErrorSeries",
     "Explainable",
     "NextExperiment",
-    "Place",
-    "Series",
     "SlowResidual",
     "Unexplained",
     "Verdict",
@@ -102,7 +102,7 @@ class Diagnosis:
         Recordings fitted and held out.
     horizon : float, s
     baseline : mapping of str to ChannelBaseline
-    where : tuple of Place
+    where : tuple of ErrorLocation
     causes : tuple of Cause
         Most probable first.
     ranking : tuple of Candidate
@@ -152,7 +152,7 @@ class Diagnosis:
     holdout: tuple[str, ...]
     horizon: float
     baseline: Mapping[str, ChannelBaseline]
-    where: tuple[Place, ...]
+    where: tuple[ErrorLocation, ...]
     causes: tuple[Cause, ...]
     ranking: tuple[Candidate, ...]
     unexplained: Unexplained | None
@@ -262,7 +262,7 @@ def _unexplained_entry(what: Unexplained) -> dict[str, Any]:
     return {**_numbers(vars(what) | {"laws": {}}), "laws": laws}
 
 
-def _found(found: Estimate) -> dict[str, Any]:
+def _found(found: EffectEstimate) -> dict[str, Any]:
     if isinstance(found.value, str):
         return {"value": found.value}
     return _numbers({"value": found.value, "unit": found.unit, "ci95": found.ci95})

@@ -23,7 +23,7 @@ _GEARED = 0.2 * 0.02099076406381192
 
 
 @dataclass(frozen=True)
-class Scale:
+class RobotScale:
     """A robot's size over Agri.q's.
 
     Attributes
@@ -60,10 +60,10 @@ class Scale:
         return self.length if unit == "m" else 1.0
 
 
-def scale_of(robot: Robot) -> Scale:
+def scale_of(robot: Robot) -> RobotScale:
     """A robot's size."""
     mass = sum(module.m + 4.0 * robot.wheel.m_w for module in robot.modules) / _MASS
-    return Scale(mass, robot.front.i_y / _TRACK, _GEARED / (robot.wheel.r_w * robot.drive.front.tau))
+    return RobotScale(mass, robot.front.i_y / _TRACK, _GEARED / (robot.wheel.r_w * robot.drive.front.tau))
 
 
 def factors(effect: str, robot: Robot) -> dict[str, float]:

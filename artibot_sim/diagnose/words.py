@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from artibot_sim.diagnose.records import Candidate, Cause, ChannelBaseline, ChannelGain, Estimate, Unexplained
+from artibot_sim.diagnose.records import Candidate, Cause, ChannelBaseline, ChannelGain, EffectEstimate, Unexplained
 from artibot_sim.identify.result import number, spaced
 from artibot_sim.model.effects.force_law import formula, unit_of
 
@@ -54,7 +54,7 @@ def amount(value: float, unit: str, digits: int = 2) -> str:
     return said.replace("-", "−", 1) if value < 0 else said
 
 
-def parameter_words(name: str, found: Estimate, digits: int = 3) -> str:
+def parameter_words(name: str, found: EffectEstimate, digits: int = 3) -> str:
     """One parameter with its value; angles also in degrees."""
     if isinstance(found.value, str):
         return f"{effect_words(name)} {effect_words(found.value)}"
@@ -82,7 +82,7 @@ def force_words(what: Unexplained) -> str:
     return f"{force} {law}, {amount(what.typical, own)} on average" if np.isfinite(what.typical) else f"{force} {law}"
 
 
-def law_words(parameters: Mapping[str, Estimate]) -> str:
+def law_words(parameters: Mapping[str, EffectEstimate]) -> str:
     """A law as a formula with its numbers, and the interval of its size: what the model has as a term."""
     values = {name: found.value for name, found in parameters.items()}
     size = parameters["size"]

@@ -24,7 +24,7 @@ _SOME = 2000
 """Rows of a channel, evenly, that a quantile is taken from."""
 
 
-class Samples(NamedTuple):
+class WindowSamples(NamedTuple):
     """What was measured in w windows, n samples in all.
 
     Attributes
@@ -58,7 +58,7 @@ class Samples(NamedTuple):
     counts: Array
 
     @classmethod
-    def of(cls, windows: Sequence[Window]) -> Samples:
+    def of(cls, windows: Sequence[Window]) -> WindowSamples:
         """Of windows."""
         begin = _ends(windows)
         found = [[part + first for part in w.places] for w, first in zip(windows, begin.tolist(), strict=False)]
@@ -123,7 +123,7 @@ def _joined(parts: Sequence[NDArray]) -> NDArray:
 # ----------------------------------------------------------------------
 # Compiled loops over all samples of all windows: what a fit does between two simulations.
 #
-# Windows stand one after the other (`layout.Samples`), and so do their residuals; a fit looks at several sets of
+# Windows stand one after the other (`WindowSamples`), and so do their residuals; a fit looks at several sets of
 # them at once. All loops write into what they are given.
 # ----------------------------------------------------------------------
 

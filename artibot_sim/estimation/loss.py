@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.estimation import kernels
-from artibot_sim.estimation.kernels import Samples
+from artibot_sim.estimation.kernels import WindowSamples
 from artibot_sim.estimation.windows import CHANNEL_NAMES, Window
 
 Array = NDArray[np.float64]
@@ -46,13 +46,13 @@ class Loss:
     thinning: Array
     firm: bool = False
 
-    def totals(self, of: Samples, residuals: Array) -> Array:
+    def totals(self, of: WindowSamples, residuals: Array) -> Array:
         """Loss of each window, shape (sets, windows), of several sets of residuals (sets, n)."""
         count, total = self._blocks(of, residuals)
         loss, _ = _firm(count, total) if self.firm else _rough(count, total)
         return np.asarray(loss.sum(axis=-1), float)
 
-    def weights(self, of: Samples, residuals: Array) -> Array:
+    def weights(self, of: WindowSamples, residuals: Array) -> Array:
         """Weights (n,) for the squares of residuals (n,)."""
         count, total = self._blocks(of, residuals[None])
         _, share = _firm(count, total[0]) if self.firm else _rough(count, total[0])
@@ -61,7 +61,7 @@ class Loss:
         kernels.sample_weights(of, residuals, self.inflation, SAMPLE_BEND, factor, found)
         return found
 
-    def _blocks(self, of: Samples, residuals: Array) -> tuple[Array, Array]:
+    def _blocks(self, of: WindowSamples, residuals: Array) -> tuple[Array, Array]:
         """How many samples each window's channels are worth (w, channels), and their losses (sets, w, channels)."""
         total = np.empty((len(residuals), of.windows, len(CHANNEL_NAMES)))
         kernels.block_sums(of, residuals, self.inflation, SAMPLE_BEND, total)

@@ -64,7 +64,7 @@ PAST = 0.1
 
 
 @dataclass(frozen=True)
-class Series:
+class MeasuredSeries:
     """One measured quantity of one stretch.
 
     Attributes
@@ -133,7 +133,7 @@ class Stretch:
         Of its segment.
     inputs : MotorInputs
         Knots through the stretch.
-    series : tuple of Series
+    series : tuple of MeasuredSeries
     half_width : float
         s around an instant whose encoder positions gave the inputs.
     behind : int
@@ -143,7 +143,7 @@ class Stretch:
     experiment: Experiment
     measured: Measured
     inputs: MotorInputs
-    series: tuple[Series, ...]
+    series: tuple[MeasuredSeries, ...]
     half_width: float = HALF_WIDTH
     behind: int = 0
 
@@ -241,7 +241,7 @@ def _spans(times: Array) -> list[tuple[float, float]]:
     return [(float(times[a]), float(times[b])) for a, b in zip(firsts, lasts, strict=True)]
 
 
-def _series(measured: Measured, robot: Robot) -> list[Series]:
+def _series(measured: Measured, robot: Robot) -> list[MeasuredSeries]:
     """Everything measured in a segment; noise as its own samples show it, NaN where they are too few."""
     tables = {"position": [measured.position()], "yaw": [measured.yaw()], "yaw_rate": [measured.yaw_rate()]}
     tables["articulation_yaw"] = [measured.articulation(joint) for joint in range(len(robot.modules) - 1)]
@@ -254,7 +254,7 @@ def _series(measured: Measured, robot: Robot) -> list[Series]:
             for column, name in zip(values.T, names, strict=False):
                 if len(t):
                     kind = kind_of("heading" if name == "yaw" and not measured.late_heading else name)
-                    found.append(Series(channel, kind, t, np.ascontiguousarray(column), noise_of(t, column)))
+                    found.append(MeasuredSeries(channel, kind, t, np.ascontiguousarray(column), noise_of(t, column)))
     return found
 
 

@@ -22,7 +22,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.odometry import FLOOR, PoseError, Slip, metres_per_radian
 from artibot_sim.exchange.turning import placeless
 from artibot_sim.model import Commands, Mode, Robot, State, initial_state
-from artibot_sim.model.simulate.rollout import INTEGRATORS, Setup, Status, prepare, simulate
+from artibot_sim.model.simulate.rollout import INTEGRATORS, RolloutSetup, Status, prepare, simulate
 from artibot_sim.model.simulate.sensors import sensor_errors
 
 Array = NDArray[np.float64]
@@ -48,7 +48,7 @@ _BACK = 1.0
 
 
 @dataclass(frozen=True)
-class Streams:
+class StreamProperties:
     """What is known of the measurements.
 
     Attributes
@@ -82,7 +82,7 @@ class Rotations:
     motors : int
     fastest : float
         rad/s, motor-side.
-    streams : Streams
+    streams : StreamProperties
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class Rotations:
         What was left out, and how often.
     """
 
-    def __init__(self, motors: int, fastest: float, streams: Streams) -> None:
+    def __init__(self, motors: int, fastest: float, streams: StreamProperties) -> None:
         self._n, self._fastest, self._streams = motors, fastest, streams
         self.remarks: dict[str, int] = {}
         self._t: float | None = None
@@ -171,7 +171,7 @@ class Gyroscope:
 
     Parameters
     ----------
-    streams : Streams
+    streams : StreamProperties
     bias : float
         To begin with, rad/s.
 
@@ -180,7 +180,7 @@ class Gyroscope:
     bias, deviation : rad/s
     """
 
-    def __init__(self, streams: Streams, bias: float) -> None:
+    def __init__(self, streams: StreamProperties, bias: float) -> None:
         self._streams, self.bias, self.deviation = streams, bias, streams.bias
         self._samples: deque[tuple[float, float]] = deque(maxlen=2000)
 
@@ -226,7 +226,7 @@ class ModelOdometry:
         As identified; effects of a place (a slope, a patch) are left out.
     slip : Slip
         What the model leaves open, relative: of distance, angle and drift to the side.
-    streams : Streams
+    streams : StreamProperties
     kappa : float, optional
         Front share of the torque, for back motors whose rotations are not measured; the robot's own by default.
 
@@ -247,7 +247,11 @@ class ModelOdometry:
     """What a model that was identified well leaves open."""
 
     def __init__(
-        self, robot: Robot, slip: Slip | None = None, streams: Streams | None = None, kappa: float | None = None
+        self,
+        robot: Robot,
+        slip: Slip | None = None,
+        streams: StreamProperties | None = None,
+        kappa: float | None = None,
     ) -> None:
         if len(robot.modules) > 2:
             raise ArtibotError(
@@ -255,7 +259,7 @@ class ModelOdometry:
             )
         errors = sensor_errors(robot)
         self.robot, self._kappa = replace(placeless(robot), name=robot.name), kappa
-        self._streams, self._slip = streams or Streams(), slip or self.SLIP
+        self._streams, self._slip = streams or StreamProperties(), slip or self.SLIP
         self._scale = errors.encoder_scale
         self.gyro = Gyroscope(self._streams, errors.gyro_bias)
         motors = 4 if robot.articulated else 2
@@ -459,7 +463,7 @@ class ModelOdometry:
 class _StepChoice:
     """How the model goes on: checked once, for any command up to the fastest wheel, and not for each message."""
 
-    setup: Setup
+    setup: RolloutSetup
     integrator: str
     step: float
 

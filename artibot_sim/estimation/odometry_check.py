@@ -13,7 +13,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.model_odometry import ModelOdometry, Streams
+from artibot_sim.estimation.model_odometry import ModelOdometry, StreamProperties
 from artibot_sim.estimation.odometry import Slip, metres_per_radian
 from artibot_sim.experiment.columns import Channel, Experiment
 from artibot_sim.experiment.measured import dead_reckon
@@ -69,7 +69,7 @@ def _column(channel: Channel, name: str) -> Array:
 
 
 @dataclass(frozen=True)
-class Piece:
+class OdometryWindow:
     """One window: where it led, and what odometry says.
 
     Attributes
@@ -100,7 +100,7 @@ class Piece:
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferencePoses:
     """Poses of the front module that were measured: times (n,) s, x, y and yaw (n, 3), and their noise (3,)."""
 
     t: Array
@@ -108,7 +108,7 @@ class Reference:
     noise: Array
 
     @classmethod
-    def of(cls, experiment: Experiment, robot: Robot, delay: float) -> Reference:
+    def of(cls, experiment: Experiment, robot: Robot, delay: float) -> ReferencePoses:
         """From `/ground_truth/odom`, each value once, stamped `delay` s late."""
         channel, errors = experiment.require("ground_truth_odom", "x", "y", "yaw"), sensor_errors(robot)
         pose = np.column_stack([channel["x"], channel["y"], channel["yaw"]])
@@ -132,7 +132,7 @@ class Reference:
 
 
 @dataclass(frozen=True)
-class Settings:
+class OdometrySettings:
     """How to measure.
 
     Attributes
@@ -145,13 +145,15 @@ class Settings:
     """
 
     length: float = LENGTH
-    streams: Streams = field(default_factory=Streams)
+    streams: StreamProperties = field(default_factory=StreamProperties)
     pose_delay: float = 0.0
     slip: Slip | None = None
     kappa: float | None = None
 
 
-def pieces(experiment: Experiment, robot: Robot, settings: Settings, progress: Report | None = None) -> list[Piece]:
+def pieces(
+    experiment: Experiment, robot: Robot, settings: OdometrySettings, progress: Report | None = None
+) -> list[OdometryWindow]:
     """Cut a recording into windows and carry odometry through each of them.
 
     Raises
@@ -159,12 +161,12 @@ def pieces(experiment: Experiment, robot: Robot, settings: Settings, progress: R
     ArtibotError
         Where the recording has no rotations or no reference, or nothing moves in it.
     """
-    motors, reference = Motors.of(experiment, robot), Reference.of(experiment, robot, settings.pose_delay)
+    motors, reference = Motors.of(experiment, robot), ReferencePoses.of(experiment, robot, settings.pose_delay)
     sides = motors.rolled(metres_per_radian(robot) / sensor_errors(robot).encoder_scale)
     gyro = _gyro(experiment)
     names = ["model"] + (["model and gyro"] if gyro is not None else [])
     lag = settings.streams.rotation_delay
-    found: list[Piece] = []
+    found: list[OdometryWindow] = []
     drives = list(_windows(experiment, motors, sides, reference, settings))
     for number, edges in enumerate(drives):
         if progress:
@@ -175,7 +177,7 @@ def pieces(experiment: Experiment, robot: Robot, settings: Settings, progress: R
             way, noise = sides[first : last + 1] - sides[first], np.diag(2.0 * reference.noise**2)  # at both ends
             model = {name: pose for name, (pose, _) in zip(names, ends, strict=True)}
             covariance = {name: own + noise for name, (_, own) in zip(names, ends, strict=True)}
-            found.append(Piece(begin, end, way, reference.between(begin, end), model, covariance))
+            found.append(OdometryWindow(begin, end, way, reference.between(begin, end), model, covariance))
     longest = max((piece.rolled for piece in found), default=0.0)
     kept = [piece for piece in found if piece.rolled > _LEAST * min(settings.length, longest)]
     if not kept:
@@ -193,7 +195,7 @@ def _gyro(experiment: Experiment) -> tuple[Array, Array] | None:
 
 
 def _windows(
-    experiment: Experiment, motors: Motors, sides: Array, reference: Reference, settings: Settings
+    experiment: Experiment, motors: Motors, sides: Array, reference: ReferencePoses, settings: OdometrySettings
 ) -> Iterator[list[int]]:
     """Yield the rows between which the windows of each segment lie: one more than windows."""
     lag = settings.streams.rotation_delay
@@ -211,7 +213,7 @@ def _windows(
 
 
 def _carried(
-    motors: Motors, edges: Sequence[int], robot: Robot, settings: Settings, gyro: tuple[Array, Array] | None
+    motors: Motors, edges: Sequence[int], robot: Robot, settings: OdometrySettings, gyro: tuple[Array, Array] | None
 ) -> list[tuple[Array, Array]]:
     """Carry odometry on through windows that follow each other, as it goes on in use; only the pose begins anew.
 
@@ -246,7 +248,7 @@ def _carried(
 # ----------------------------------------------------------------------
 
 
-def fitted_track(found: Sequence[Piece], robot: Robot) -> float:
+def fitted_track(found: Sequence[OdometryWindow], robot: Robot) -> float:
     """Return the effective track (m) with which wheels alone turn as the reference does, by the mean absolute error."""
 
     def error(logarithm: float) -> float:
@@ -261,7 +263,7 @@ STRAIGHT = 0.15
 """A window is nearly straight where the sides' ways differ by less than this share of the longer one."""
 
 
-def heading_walk(found: Sequence[Piece], track: float) -> tuple[float, int]:
+def heading_walk(found: Sequence[OdometryWindow], track: float) -> tuple[float, int]:
     """Return by how much the heading goes astray on nearly straight stretches, rad a square root of a metre.
 
     That is what the sides' grounds differ by: wheels on the same ground slip alike, and go straight on. A constant
@@ -282,7 +284,7 @@ def heading_walk(found: Sequence[Piece], track: float) -> tuple[float, int]:
     return 1.4826 * float(np.median(np.abs(errors - np.median(errors)))), len(errors)
 
 
-def fitted_factors(found: Sequence[Piece]) -> dict[str, float]:
+def fitted_factors(found: Sequence[OdometryWindow]) -> dict[str, float]:
     """Return for each model the factor of its deviations with which 95 % of the windows lie below their bound."""
     return {
         name: math.sqrt(float(np.quantile([_normalised(p, name, 1.0) for p in found], 0.95)) / _BOUND)
@@ -290,14 +292,14 @@ def fitted_factors(found: Sequence[Piece]) -> dict[str, float]:
     }
 
 
-def _normalised(piece: Piece, name: str, factor: float) -> float:
+def _normalised(piece: OdometryWindow, name: str, factor: float) -> float:
     error = piece.model[name] - piece.truth
     error[2] = math.remainder(error[2], math.tau)
     return float(error @ np.linalg.solve(factor**2 * piece.covariance[name], error))
 
 
 @dataclass(frozen=True)
-class Row:
+class OdometryErrors:
     """Errors of one odometry over all windows.
 
     Attributes
@@ -331,7 +333,9 @@ class Row:
         }
 
 
-def rows(found: Sequence[Piece], robot: Robot, track: float, factors: Mapping[str, float]) -> list[Row]:
+def rows(
+    found: Sequence[OdometryWindow], robot: Robot, track: float, factors: Mapping[str, float]
+) -> list[OdometryErrors]:
     """Return the errors of wheels with nominal and with fitted track, and of the model."""
     table = [
         _row(found, "wheels, nominal track", [p.wheels(robot.front.i_y) for p in found]),
@@ -345,16 +349,16 @@ def rows(found: Sequence[Piece], robot: Robot, track: float, factors: Mapping[st
 
 
 def _row(
-    found: Sequence[Piece],
+    found: Sequence[OdometryWindow],
     name: str,
     ends: Sequence[Array],
     consistent: float | None = None,
     normalised: float | None = None,
-) -> Row:
+) -> OdometryErrors:
     error = np.array(ends) - np.array([p.truth for p in found])
     heading, position = np.abs(error[:, 2]), np.hypot(error[:, 0], error[:, 1])
     way, turned = (np.array([p.rolled for p in found]), np.array([abs(p.truth[2]) for p in found]))
-    return Row(
+    return OdometryErrors(
         name,
         (float(np.sqrt(np.mean(heading**2))), float(np.median(heading))),
         (float(np.sqrt(np.mean(position**2))), float(np.median(position))),
@@ -365,7 +369,7 @@ def _row(
     )
 
 
-def as_text(table: Sequence[Row], windows: int, fitted: int) -> str:
+def as_text(table: Sequence[OdometryErrors], windows: int, fitted: int) -> str:
     """Return the table for a terminal."""
     lines = [
         f"{windows} windows, track and covariances fitted on {fitted} others; errors at the windows' ends",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation import kernels
-from artibot_sim.estimation.kernels import Parts, Samples
+from artibot_sim.estimation.kernels import Parts, WindowSamples
 from artibot_sim.estimation.measurements import Stretch
 from artibot_sim.estimation.parallel import threads
 from artibot_sim.estimation.parameters import ParameterSet
@@ -35,7 +35,7 @@ from artibot_sim.estimation.windows import (
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import has_memory, stiction, tyre_relaxation, wheel_windup
 from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors, true_starts
-from artibot_sim.model.simulate.window_inputs import Items, MotorTable, Plan, kind_of
+from artibot_sim.model.simulate.window_inputs import Items, MotorTable, SamplingPlan, kind_of
 from artibot_sim.model.simulate.windows import WindowBatch, window_step
 
 # ----------------------------------------------------------------------
@@ -64,7 +64,7 @@ class Sensitivity:
     starts: Array
 
 
-def clip(of: Samples, table: Array) -> None:
+def clip(of: WindowSamples, table: Array) -> None:
     """Limit sensitivities (c, n) in place, channel by channel, to three times what 99 of 100 have.
 
     A finite difference across a switch of eq. 16 is as large as its step is small; a thousandth of all rows would
@@ -77,7 +77,7 @@ def clip(of: Samples, table: Array) -> None:
     kernels.limit(of, table, largest)
 
 
-def moved_along(of: Samples, table: Array, starts: Array, moves: Array) -> None:
+def moved_along(of: WindowSamples, table: Array, starts: Array, moves: Array) -> None:
     """Sensitivities (p, n), taken with starts that moved along by `moves` (p, windows, 8 or 6), as if these had stayed.
 
     `starts` (8 or 6, n) are the sensitivities to them, limited already: so a step that takes the starts along cancels
@@ -97,7 +97,7 @@ def _high(values: Array) -> Array:
     return np.asarray(values[:, low] + (place - low) * (values[:, high] - values[:, low]), float)
 
 
-def rigid(of: Samples, predicted: Array, starts: Array) -> Array:
+def rigid(of: WindowSamples, predicted: Array, starts: Array) -> Array:
     """How samples (n,) move with x, y and yaw of their windows' starts (windows, 8 or 6), shape (3, n).
 
     As on ground that is the same everywhere and in all directions, where only positions and headings notice.
@@ -277,9 +277,9 @@ class Problem:
         return np.asarray(self.start_weight.transpose(0, 2, 1) @ self.start_weight, float)
 
     @cached_property
-    def samples(self) -> Samples:
+    def samples(self) -> WindowSamples:
         """What was measured in all windows."""
-        return Samples.of(self.windows)
+        return WindowSamples.of(self.windows)
 
     @cached_property
     def _late(self) -> NDArray[np.bool_]:
@@ -360,7 +360,7 @@ class Problem:
         count = np.arange(len(self.windows))
         return self._items([robot], np.zeros_like(count), count, starts, count)
 
-    def sampled(self, coordinates: Array, starts: Array, plans: Sequence[Plan]) -> list[Array]:
+    def sampled(self, coordinates: Array, starts: Array, plans: Sequence[SamplingPlan]) -> list[Array]:
         """Whatever `plans` (one a window) ask for, (m,) each."""
         robots, count = [self.parameters.robot_at(coordinates)], np.arange(len(self.windows))
         usual = self._batch_for(robots)
@@ -459,9 +459,9 @@ class Problem:
         return self.parts(flat[0].copy()), Sensitivity(table[:p], table[p:])
 
 
-def _state_at(robot: Robot, t: float) -> Plan:
+def _state_at(robot: Robot, t: float) -> SamplingPlan:
     """The whole state `t` s after a window's start, as `windows.start_names` has it."""
     first = ("origin_x", "origin_y", "heading", "v_x", "v_y", "turn_rate", "articulation_yaw", "articulation_rate")
     kinds = [kind_of(name) for name in first]
     kinds += [kind_of(f"articulation_{what}_{j + 2}") for j in range(len(robot.trailing)) for what in ("yaw", "rate")]
-    return Plan(np.full(len(kinds), t), np.array(kinds))
+    return SamplingPlan(np.full(len(kinds), t), np.array(kinds))

@@ -33,7 +33,7 @@ _MOST = 4000
 _SCHEMA = "artibot/residual/1"
 
 
-class Turning(NamedTuple):
+class MotorSpeeds(NamedTuple):
     """How the motors turned through a stretch.
 
     Attributes
@@ -88,7 +88,7 @@ def integrated(t: Array, rates: Array, start: Array) -> Array:
     return np.column_stack([x, y, yaw])
 
 
-def features(turning: Turning, path: Predicted) -> Array:
+def features(turning: MotorSpeeds, path: Predicted) -> Array:
     """What corrections may follow, a row a step, shape (n, f): motors' speeds, the predicted motion, heading, joint."""
     ends = path.t[1:]
     t, speed = turning
@@ -115,7 +115,7 @@ class ResidualModel:
     trees : Boosted
         Features of a step to what is missing of its forward and leftward speed (m/s) and its yaw rate (rad/s).
     motors : tuple of int
-        Whose speeds `Turning` has, in the order of `Robot.motors`.
+        Whose speeds `MotorSpeeds` has, in the order of `Robot.motors`.
     robot : str
         Name of the robot whose predictions are corrected.
     horizon : float
@@ -127,7 +127,7 @@ class ResidualModel:
     robot: str
     horizon: float
 
-    def offsets(self, turning: Turning, path: Predicted) -> Array:
+    def offsets(self, turning: MotorSpeeds, path: Predicted) -> Array:
         """What is to be added to a predicted path's poses, shape (n + 1, 3): 0 at its start."""
         return corrected(path, self.trees(features(turning, path))) - path.pose
 

@@ -103,7 +103,7 @@ def holding(channel: Channel, names: Sequence[str]) -> Holding | None:
 
 
 @dataclass(frozen=True)
-class Sums:
+class RunningSums:
     """Quantities summed since a segment's start: angles, ways. Values between samples are linear.
 
     Attributes
@@ -119,7 +119,7 @@ class Sums:
         """Values (…, k) at times (…)."""
         return np.stack([np.interp(t, self.t, column) for column in self.values.T], axis=-1)
 
-    def lagged(self, lag: float) -> Sums:
+    def lagged(self, lag: float) -> RunningSums:
         """These sums behind a first-order low-pass with time constant `lag`, s."""
         if lag <= 0.0:
             return self
@@ -127,7 +127,7 @@ class Sums:
         table, keep = self.at(grid), float(np.exp(-_GRID / lag))
         start = table[:1] * keep
         out, _ = lfilter([1.0 - keep], [1.0, -keep], table, axis=0, zi=start)
-        return Sums(grid, out)
+        return RunningSums(grid, out)
 
 
 def new_values(channel: Channel | None, names: Sequence[str], first: float, last: float) -> tuple[Array, Array]:
@@ -149,7 +149,7 @@ def _integral(t: Array, rate: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Segment:
+class StreamSegment:
     """One piece of a recording without a gap, and what its streams say."""
 
     experiment: Experiment
@@ -157,46 +157,46 @@ class Segment:
     last: float
 
     @cached_property
-    def wheels(self) -> Sums | None:
+    def wheels(self) -> RunningSums | None:
         """Angles of the right and the left motor, rad, by positions where they are recorded, else by speeds."""
         return self._motors("motor_torques")
 
     @cached_property
-    def command(self) -> Sums | None:
+    def command(self) -> RunningSums | None:
         """Sums of the wheels' speeds as they were commanded; None without commands."""
         return self._motors("motor_command")
 
-    def _motors(self, key: str) -> Sums | None:
+    def _motors(self, key: str) -> RunningSums | None:
         channel = self.experiment.channels.get(key)
         for quantity in ("position", "velocity"):
             t, values = new_values(channel, [f"{motor}.{quantity}" for motor in MOTORS[:2]], self.first, self.last)
             if len(t) > 3:
-                return Sums(t, values - values[0] if quantity == "position" else _integral(t, values))
+                return RunningSums(t, values - values[0] if quantity == "position" else _integral(t, values))
         return None
 
     @cached_property
-    def heading(self) -> Sums | None:
+    def heading(self) -> RunningSums | None:
         """Measured heading, rad, continuous."""
         t, yaw = new_values(self.experiment.channels.get("ground_truth_odom"), ["yaw"], self.first, self.last)
-        return Sums(t, np.unwrap(yaw, axis=0)) if len(t) > 3 else None
+        return RunningSums(t, np.unwrap(yaw, axis=0)) if len(t) > 3 else None
 
     @cached_property
-    def points(self) -> Sums | None:
+    def points(self) -> RunningSums | None:
         """Measured positions, m."""
         for key in ("ground_truth_odom", "total_station"):
             t, place = new_values(self.experiment.channels.get(key), ["x", "y"], self.first, self.last)
             if len(t) > 3:
-                return Sums(t, place)
+                return RunningSums(t, place)
         return None
 
     @cached_property
-    def gyro(self) -> Sums | None:
+    def gyro(self) -> RunningSums | None:
         """Rates about the sensor's axes summed, rad; axes that are not recorded are left out, z is the last."""
         channel = self.experiment.channels.get("imu")
         if channel is None or not self.gyro_axes:
             return None
         t, rate = new_values(channel, self.gyro_axes, self.first, self.last)
-        return Sums(t, _integral(t, rate)) if len(t) > 3 else None
+        return RunningSums(t, _integral(t, rate)) if len(t) > 3 else None
 
     @cached_property
     def gyro_axes(self) -> tuple[str, ...]:
@@ -210,9 +210,9 @@ class Segment:
         )  # fmt: skip
 
 
-def segments_of(experiment: Experiment) -> list[Segment]:
+def segments_of(experiment: Experiment) -> list[StreamSegment]:
     """The segments of a recording that last for a second at least."""
-    return [Segment(experiment, a, b) for a, b in experiment.segments if b - a >= 1.0]
+    return [StreamSegment(experiment, a, b) for a, b in experiment.segments if b - a >= 1.0]
 
 
 # ----------------------------------------------------------------------
@@ -221,7 +221,7 @@ def segments_of(experiment: Experiment) -> list[Segment]:
 
 
 @dataclass(frozen=True)
-class Piece:
+class ComparisonRows:
     """A segment's rows of one comparison.
 
     Attributes
@@ -230,17 +230,17 @@ class Piece:
         The times between which the explained quantity changed, s.
     y : array, shape (n,)
         By how much.
-    x : Sums
+    x : RunningSums
         What explains it.
     """
 
     end: Array
     begin: Array
     y: Array
-    x: Sums
+    x: RunningSums
 
 
-def reach(segments: Sequence[Segment]) -> tuple[float, float]:
+def reach(segments: Sequence[StreamSegment]) -> tuple[float, float]:
     """Span of motion, and largest delay, that segments of this length allow, s."""
     lengths = np.array([s.last - s.first for s in segments])
     usual = float(np.sum(lengths**2) / np.sum(lengths)) if len(lengths) else 0.0
@@ -255,7 +255,7 @@ def spans(t: Array, span: float, first: float, last: float) -> tuple[Indices, In
     return rows, before[rows]
 
 
-def turning(segments: Sequence[Segment], what: str, by: str) -> Iterator[Piece]:
+def turning(segments: Sequence[StreamSegment], what: str, by: str) -> Iterator[ComparisonRows]:
     """Rows of turning: a heading (or the gyro's) explained by wheels or gyro."""
     span, most = reach(segments)
     for segment in segments:
@@ -265,10 +265,12 @@ def turning(segments: Sequence[Segment], what: str, by: str) -> Iterator[Piece]:
         rows, before = spans(y.t, span, x.t[0] + most, x.t[-1] - most)
         if len(rows):
             change = y.values[rows, -1] - y.values[before, -1]
-            yield Piece(y.t[rows], y.t[before], change, x if by != "gyro" else Sums(x.t, x.values[:, -1:]))
+            yield ComparisonRows(
+                y.t[rows], y.t[before], change, x if by != "gyro" else RunningSums(x.t, x.values[:, -1:])
+            )
 
 
-def advancing(segments: Sequence[Segment], by: str = "wheels") -> Iterator[Piece]:
+def advancing(segments: Sequence[StreamSegment], by: str = "wheels") -> Iterator[ComparisonRows]:
     """Rows of forward motion: along the measured heading, or else unsigned, explained by both wheels."""
     span, most = reach(segments)
     for segment in segments:
@@ -282,11 +284,11 @@ def advancing(segments: Sequence[Segment], by: str = "wheels") -> Iterator[Piece
         middle = 0.5 * (place.t[rows] + place.t[before])
         if segment.heading is not None:
             yaw = segment.heading.at(middle)[:, 0]
-            yield Piece(place.t[rows], place.t[before], np.cos(yaw) * step[:, 0] + np.sin(yaw) * step[:, 1], x)
+            yield ComparisonRows(place.t[rows], place.t[before], np.cos(yaw) * step[:, 0] + np.sin(yaw) * step[:, 1], x)
         else:
             turned = x.at(place.t[rows]) - x.at(place.t[before])
             sign = np.sign(turned.sum(axis=1))
-            yield Piece(place.t[rows], place.t[before], sign * np.hypot(*step.T), x)
+            yield ComparisonRows(place.t[rows], place.t[before], sign * np.hypot(*step.T), x)
 
 
 # ----------------------------------------------------------------------
@@ -330,7 +332,7 @@ class Delay:
 class _Rows:
     """Rows of all pieces, and what explains them on one axis of time: a delay never leaves a row's segment."""
 
-    def __init__(self, pieces: Sequence[Piece], trend: bool) -> None:
+    def __init__(self, pieces: Sequence[ComparisonRows], trend: bool) -> None:
         every = -(-sum(len(p.y) for p in pieces) // _MOST_ROWS)
         self.pieces = [p for p in pieces if len(p.y[::every])]
         self.end, self.begin, self.y = (
@@ -340,13 +342,15 @@ class _Rows:
         self.weights = np.ones(len(self.y))
         _, block = np.unique(np.floor(self.end / BLOCK).astype(np.int64), return_inverse=True)
         self.block: Indices = np.asarray(block, np.int64).ravel()
-        self._sums: dict[float, Sums] = {}
+        self._sums: dict[float, RunningSums] = {}
 
-    def sums(self, lag: float) -> Sums:
+    def sums(self, lag: float) -> RunningSums:
         """What explains, behind a low-pass, of all segments."""
         if lag not in self._sums:
             lagged = [p.x.lagged(lag) for p in self.pieces]
-            self._sums[lag] = Sums(np.concatenate([x.t for x in lagged]), np.concatenate([x.values for x in lagged]))
+            self._sums[lag] = RunningSums(
+                np.concatenate([x.t for x in lagged]), np.concatenate([x.values for x in lagged])
+            )
         return self._sums[lag]
 
     def x(self, delay: float, lag: float) -> Array:
@@ -404,7 +408,7 @@ class _Normal:
 
 
 def delay_of(
-    pieces: Sequence[Piece],
+    pieces: Sequence[ComparisonRows],
     most: float,
     rng: np.random.Generator,
     *,
@@ -415,7 +419,7 @@ def delay_of(
 
     Parameters
     ----------
-    pieces : sequence of Piece
+    pieces : sequence of ComparisonRows
     most : float
         Largest delay, s.
     rng : numpy.random.Generator
@@ -459,12 +463,14 @@ def delay_of(
     )  # fmt: skip
 
 
-def agreement_beside_chance(pieces: Sequence[Piece], most: float, rng: np.random.Generator) -> tuple[float, Array]:
+def agreement_beside_chance(
+    pieces: Sequence[ComparisonRows], most: float, rng: np.random.Generator
+) -> tuple[float, Array]:
     """Share of the variance that the best delay explains, and what it explains of motion at other times.
 
     Parameters
     ----------
-    pieces : sequence of Piece
+    pieces : sequence of ComparisonRows
     most : float
         Largest delay, s.
     rng : numpy.random.Generator

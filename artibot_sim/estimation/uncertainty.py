@@ -47,7 +47,7 @@ class Node:
 
 
 @dataclass(frozen=True)
-class Spread:
+class Distribution:
     """Distribution of the parameters' logarithms over the prior's middles.
 
     Attributes
@@ -126,7 +126,7 @@ def _with_widths(nodes: dict[float, Node]) -> tuple[Node, ...]:
     )
 
 
-def from_curvature(problem: Problem, nodes: Sequence[Node], free: Sequence[int], noise: NoiseShare) -> Spread:
+def from_curvature(problem: Problem, nodes: Sequence[Node], free: Sequence[int], noise: NoiseShare) -> Distribution:
     """What curvature at the nodes and the loss along them say, `noise` taken off: a mixture of normal distributions."""
     index = list(free)
     prior = problem.parameters.prior_information
@@ -148,7 +148,7 @@ def from_curvature(problem: Problem, nodes: Sequence[Node], free: Sequence[int],
     return mixture(weight / weight.sum(), np.array(means), np.array(covariances))
 
 
-def mixture(weight: Array, means: Array, covariances: Array) -> Spread:
+def mixture(weight: Array, means: Array, covariances: Array) -> Distribution:
     """Mean, covariance and 95 % intervals of a mixture of normal distributions along a path of means.
 
     Each stands for the path up to halfway to its neighbours, too, as if its mean were evenly spread there.
@@ -172,10 +172,10 @@ def mixture(weight: Array, means: Array, covariances: Array) -> Spread:
         below = (weight[:, None] * norm.cdf((grid - means[:, i, None]) / sd[:, None])).sum(axis=0)
         low[i], high[i] = np.interp(_TAILS, below, grid)
         covariance[i, i] = max(covariance[i, i], sd.min() ** 2)
-    return Spread(mean, covariance, low, high)
+    return Distribution(mean, covariance, low, high)
 
 
-def from_bootstrap(problem: Problem, nodes: Sequence[Node], free: Sequence[int], noise: NoiseShare) -> Spread:
+def from_bootstrap(problem: Problem, nodes: Sequence[Node], free: Sequence[int], noise: NoiseShare) -> Distribution:
     """What windows weighted at random would have given, `noise` taken off: the best node, and one step (Rubin 1981).
 
     No window is left out, as in draws with replacement some are: something may act in few of them.
@@ -184,7 +184,7 @@ def from_bootstrap(problem: Problem, nodes: Sequence[Node], free: Sequence[int],
     weights = (rng.exponential(size=len(problem)) for _ in range(_DRAWS))
     table = np.array([problem.parameters.mixing @ one for one in reweighted(problem, nodes, free, noise, weights)])
     low, high = np.quantile(table, _TAILS, axis=0)
-    return Spread(table.mean(axis=0), np.atleast_2d(np.cov(table.T)), low, high)
+    return Distribution(table.mean(axis=0), np.atleast_2d(np.cov(table.T)), low, high)
 
 
 def reweighted(

@@ -97,7 +97,7 @@ def joined(parts: Sequence[Windows]) -> Windows:
 
 
 @dataclass(frozen=True)
-class Spread:
+class ParameterSpread:
     """How much a parameter differs from window to window.
 
     Attributes
@@ -124,7 +124,7 @@ class Spread:
         return with_it - windows.log_likelihood(0.0, *self.alone)
 
 
-def spread_of(windows: Windows) -> Spread:
+def spread_of(windows: Windows) -> ParameterSpread:
     """The spread with which windows are likeliest."""
     scale = 1.0 / np.sqrt(max(float(np.mean(windows.information)), 1e-12))
 
@@ -145,7 +145,7 @@ def spread_of(windows: Windows) -> Spread:
     best = min(ends, key=lambda end: float(end.fun))
     level, shift, spread = float(np.exp(best.x[0])), scale * float(best.x[1]), float(np.exp(best.x[2]))
     without = float(np.exp(none.x[0])), scale * float(none.x[1])
-    return Spread(spread, level, shift, max(float(none.fun - best.fun), 0.0), without)
+    return ParameterSpread(spread, level, shift, max(float(none.fun - best.fun), 0.0), without)
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ class Correlation:
         near = (away == 0.0).astype(float) if np.isinf(self.length) else np.exp(-away / self.length)
         return np.asarray(self.share * near + (1.0 - self.share) * np.eye(len(away)))
 
-    def gained(self, windows: Windows, distances: Distances, spread: Spread) -> Array:
+    def gained(self, windows: Windows, distances: Distances, spread: ParameterSpread) -> Array:
         """Nats by which each window is likelier, given those before it, than without them, shape (w,)."""
         value, variance = windows.values(spread.spread, spread.level, spread.shift)
         own = np.eye(len(value))
@@ -214,7 +214,7 @@ _SHARES = (0.3, 0.5, 0.7, 0.9, 0.99)
 _LENGTHS = 10
 
 
-def correlation_of(windows: Windows, distances: Distances, spread: Spread) -> Correlation | None:
+def correlation_of(windows: Windows, distances: Distances, spread: ParameterSpread) -> Correlation | None:
     """How values that differ from window to window are alike in windows near each other, the likeliest way."""
     found = [Correlation("recording", np.inf, share, 0.0) for share in _SHARES]
     for over in ("time", "place"):

@@ -23,7 +23,7 @@ from artibot_sim.model.robot.parameters import ModuleParams
 from artibot_sim.model.simulate.rollout import motor_coordinates
 from artibot_sim.model.simulate.sensors import sensor_errors, true_starts
 from artibot_sim.model.simulate.state import initial_state, posture_at_rest
-from artibot_sim.model.simulate.window_inputs import KINDS, Plan
+from artibot_sim.model.simulate.window_inputs import KINDS, SamplingPlan
 from artibot_sim.model.simulate.windows import by_numbers
 
 # ----------------------------------------------------------------------
@@ -67,7 +67,7 @@ _BLIND = {"forward": 0.2, "left": 0.2, "yaw_rate": 0.3, "articulation": 0.5, "ar
 
 
 @dataclass(frozen=True)
-class Start:
+class WindowStart:
     """A window's start as measured.
 
     Attributes
@@ -100,7 +100,7 @@ def start_of(
     known: Mapping[str, float] | None = None,
     late: bool = False,
     behind: Array | None = None,
-) -> Start:
+) -> WindowStart:
     """A start from measurements.
 
     Parameters
@@ -115,7 +115,7 @@ def start_of(
     known : mapping of str to float, optional
         Standard deviations of names of START that are measured better or worse than usual.
     late : bool
-        See `Start`.
+        See `WindowStart`.
     behind : array, shape (2, joints), optional
         Angles and rates of the joints behind the first, rad and rad/s; NaN is unknown.
     """
@@ -134,7 +134,7 @@ def start_of(
     turn = np.eye(len(names))
     turn[3, 2], turn[4, 2] = -np.nan_to_num(left), np.nan_to_num(forward)
     state = start_state(robot, motion, angles, speeds, behind=behind)
-    return Start(np.nan_to_num(mean), sd, turn / sd[:, None], state.q, state.v, late)
+    return WindowStart(np.nan_to_num(mean), sd, turn / sd[:, None], state.q, state.v, late)
 
 
 def turned(starts: Array, angle: float) -> Array:
@@ -202,7 +202,7 @@ def states(
     guesses : array, shape (n, 8 or 6)
         In the order of START, as sensors show it: a guess means another motion for a robot whose sensors have errors.
     late : array of bool, shape (n,)
-        See `Start`.
+        See `WindowStart`.
 
     Notes
     -----
@@ -267,9 +267,9 @@ class Window:
     first, knots : int
         First knot of the stretch's inputs, and intervals.
     t : float
-        Start, s since the recording's beginning.
-    start : Start
-    plan : Plan
+        WindowStart, s since the recording's beginning.
+    start : WindowStart
+    plan : SamplingPlan
         When and what was measured.
     value, sigma : array, shape (n,)
         Measured, and the standard deviation that its noise is taken to have.
@@ -283,8 +283,8 @@ class Window:
     first: int
     knots: int
     t: float
-    start: Start
-    plan: Plan
+    start: WindowStart
+    plan: SamplingPlan
     value: Array
     sigma: Array
     sensor: Array
@@ -381,7 +381,7 @@ def window_at(stretch: Stretch, number: int, robot: Robot, first: int, knots: in
         kinds.append(np.full(size, series.kind))
         sigmas.append(series.spread[rows])
         channels.append(np.full(size, CHANNEL_NAMES.index(series.channel)))
-    plan = Plan(np.concatenate(times), np.concatenate(kinds).astype(np.int64))
+    plan = SamplingPlan(np.concatenate(times), np.concatenate(kinds).astype(np.int64))
     sigma = np.concatenate(sigmas)
     return Window(
         number, first, knots, t, measured_start(stretch, robot, first), plan, np.concatenate(values), sigma, sigma,
@@ -389,7 +389,7 @@ def window_at(stretch: Stretch, number: int, robot: Robot, first: int, knots: in
     )  # fmt: skip
 
 
-def measured_start(stretch: Stretch, robot: Robot, knot: int) -> Start:
+def measured_start(stretch: Stretch, robot: Robot, knot: int) -> WindowStart:
     """The state at a knot as the measurements around it give it."""
     inputs, measured, t = stretch.inputs, stretch.measured, float(stretch.inputs.t[knot])
     speeds = inputs.measured_velocity[knot]

@@ -84,7 +84,7 @@ def quantities_of(topic: Topic) -> Callable[[str], bool]:
 
 
 @dataclass(frozen=True)
-class Entry:
+class ColumnSource:
     """Where a quantity comes from.
 
     Attributes
@@ -126,7 +126,7 @@ class ColumnsFile:
     time: Times | None
     start_ns: int
     metadata: Mapping[str, str]
-    topics: Mapping[Topic, Mapping[str, Entry]]
+    topics: Mapping[Topic, Mapping[str, ColumnSource]]
     times: Mapping[Topic, Times]
 
 
@@ -146,7 +146,7 @@ def _columns(document: Any) -> ColumnsFile:
     _known(top, ("time", "start", "topics", *METADATA), "")
     if not isinstance(top.get("topics"), Mapping) or not top["topics"]:
         raise ArtibotError("topics: missing; expected topics, each with its quantities, as in config/columns")
-    topics: dict[Topic, dict[str, Entry]] = {}
+    topics: dict[Topic, dict[str, ColumnSource]] = {}
     times: dict[Topic, Times] = {}
     for name, node in top["topics"].items():
         topic = find_topic(name)
@@ -166,7 +166,7 @@ def _columns(document: Any) -> ColumnsFile:
     return ColumnsFile(time, _start(top.get("start")), metadata, topics, times)
 
 
-def _entry(topic: Topic, name: str, node: Any, source: str) -> Entry:
+def _entry(topic: Topic, name: str, node: Any, source: str) -> ColumnSource:
     key = f"topics.{topic.name}.{name}"
     if not quantities_of(topic)(name):
         expected = ", ".join(_FIELDS.get(topic.ros_type, (*(f"{m}.velocity" for m in MOTORS), "… .position, .effort")))
@@ -188,7 +188,7 @@ def _entry(topic: Topic, name: str, node: Any, source: str) -> Entry:
         known = (*UNITS[si], *([counts] if counts else []))
         raise ArtibotError(f"{key}.unit: found '{unit}'{did_you_mean(unit, known)}; expected one of {', '.join(known)}")
     scale, offset = (_number(entry.get(part, value), f"{key}.{part}") for part, value in (("scale", 1), ("offset", 0)))
-    return Entry(key, str(entry["column"]), factor * scale, offset, str(entry.get("from", source)))
+    return ColumnSource(key, str(entry["column"]), factor * scale, offset, str(entry.get("from", source)))
 
 
 def _times(node: Any, key: str) -> Times:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from artibot_sim.exchange.turning import PLACES, Differential, Spread, spread, turn_speed
+from artibot_sim.exchange.turning import PLACES, Differential, DrawnDrives, spread, turn_speed
 from artibot_sim.model import WHEEL_JOINTS, Robot
 from artibot_sim.progress import Report
 
@@ -46,7 +46,7 @@ def diff_drive_controller(
 
 
 def section_of(
-    section: str, name: str, robot: Robot, found: Spread, speed: float | None, *,
+    section: str, name: str, robot: Robot, found: DrawnDrives, speed: float | None, *,
     joints: Mapping[str, Sequence[str]] | None = None, ratio: float = 1.0,
 ) -> list[str]:  # fmt: skip
     """Return the lines of a controller's section.
@@ -77,7 +77,7 @@ def section_of(
     ]
 
 
-def _interval(found: Spread, name: str, nominal: float) -> str:
+def _interval(found: DrawnDrives, name: str, nominal: float) -> str:
     interval = found.interval(name)
     return "" if interval is None else f"  # 95 %: {interval[0] / nominal:.4g} … {interval[1] / nominal:.4g}"
 
@@ -91,7 +91,7 @@ def _what(robot: Robot, value: Differential, speed: float | None) -> str:
     )
 
 
-def _warnings(robot: Robot, found: Spread) -> list[str]:
+def _warnings(robot: Robot, found: DrawnDrives) -> list[str]:
     """Say what a differential drive leaves out, and what was left out of the turns."""
     said = []
     if found.value.drift and abs(found.value.drift) > _SIDEWAYS * robot.front.i_y:
@@ -155,7 +155,7 @@ def _matrix(key: str, rows: Sequence[Sequence[bool]], comment: str) -> list[str]
     ]
 
 
-def twist_variances(found: Spread) -> dict[str, float]:
+def twist_variances(found: DrawnDrives) -> dict[str, float]:
     """Return variances of forward and leftward speed, (m/s)², and yaw rate, (rad/s)², of a differential drive's twist.
 
     Mean squares of what it is off in the turns, and of what the intervals change about it.

@@ -12,7 +12,7 @@ import numpy as np
 
 from artibot_sim.documents import did_you_mean
 from artibot_sim.errors import ArtibotError
-from artibot_sim.exchange.columns import NEEDED, SILENT, ColumnsFile, Entry, Times
+from artibot_sim.exchange.columns import NEEDED, SILENT, ColumnsFile, ColumnSource, Times
 from artibot_sim.exchange.tables import interpolated, raw_channels
 from artibot_sim.experiment.columns import Channel, Floats, Stamps
 from artibot_sim.experiment.rollout_bag import write_channels
@@ -209,7 +209,7 @@ def import_logs(
 
 
 def _topic_table(
-    sources: Sequence[Source], columns: ColumnsFile, topic: Topic, entries: Mapping[str, Entry]
+    sources: Sequence[Source], columns: ColumnsFile, topic: Topic, entries: Mapping[str, ColumnSource]
 ) -> tuple[Stamps, dict[str, Floats]]:
     """Return the stamps and SI columns of one topic."""
     times = columns.times.get(topic, columns.time)
@@ -236,7 +236,7 @@ def _topic_table(
     return base[kept], {name: values[kept] for name, values in found.items()}
 
 
-def _place(sources: Sequence[Source], entry: Entry) -> Source:
+def _place(sources: Sequence[Source], entry: ColumnSource) -> Source:
     """Return the source that has an entry's column.
 
     Raises

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.ground import left_out, masses, wheels_of
-from artibot_sim.exchange.turning import Turn, profile, steady_turns
+from artibot_sim.exchange.turning import SteadyTurn, profile, steady_turns
 from artibot_sim.exchange.urdf import motor_of
 from artibot_sim.model import MOTORS, WHEEL_JOINTS, Robot
 from artibot_sim.model.equations.transmission import back_torque_factor
@@ -48,7 +48,7 @@ _START = 0.3
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactSettings:
     """Settings of MuJoCo for the contact of wheels and ground.
 
     Attributes
@@ -67,7 +67,7 @@ DEFAULT_IMPEDANCE = 0.9
 """What MuJoCo takes for a contact that is not told anything."""
 
 
-def mjcf(robot: Robot, contact: Contact) -> str:
+def mjcf(robot: Robot, contact: ContactSettings) -> str:
     """The MJCF of a robot as text.
 
     Bodies `base_link` and `back_link` with joints as in ``/joint_states``. The front wheels' actuators take wheel
@@ -137,7 +137,7 @@ def _inertial(mass: float, inertia: Sequence[float]) -> str:
     return f'<inertial pos="0 0 0" mass="{mass!r}" diaginertia="{" ".join(map(repr, inertia))}"/>'
 
 
-def _pair(robot: Robot, joint: str, contact: Contact) -> str:
+def _pair(robot: Robot, joint: str, contact: ContactSettings) -> str:
     """What a wheel and the ground do to each other, first along its axle and then along its rim.
 
     MuJoCo's regularised friction slips at a velocity of force over mu² in each direction: so the friction's aspect
@@ -236,7 +236,7 @@ class SharedTorques:
         return np.array(torques)
 
 
-def turn_in_mujoco(robot: Robot, text: str, wheels: Array) -> Turn:
+def turn_in_mujoco(robot: Robot, text: str, wheels: Array) -> SteadyTurn:
     """Drive one turn in MuJoCo until it is steady.
 
     Parameters
@@ -260,7 +260,7 @@ def turn_in_mujoco(robot: Robot, text: str, wheels: Array) -> Turn:
         if row >= settled:
             motion += _twist(data)
     speed, drift, rate = (motion / (len(speeds) - settled)).tolist()
-    return Turn(float(wheels[0]), float(wheels[1]), speed, drift, rate)
+    return SteadyTurn(float(wheels[0]), float(wheels[1]), speed, drift, rate)
 
 
 def _twist(data: mujoco.MjData) -> Array:
@@ -272,7 +272,7 @@ def _twist(data: mujoco.MjData) -> Array:
     return np.array([c * vx + s * vy, c * vy - s * vx, data.qvel[5]])
 
 
-def turn_errors(robot: Robot, text: str, turns: Sequence[Turn]) -> Array:
+def turn_errors(robot: Robot, text: str, turns: Sequence[SteadyTurn]) -> Array:
     """Return how far turns in MuJoCo are off those of the model, (n, 2): yaw rate and speed, relative to the model's.
 
     A turn on the spot has no speed to compare: there it is zero.
@@ -286,7 +286,7 @@ def turn_errors(robot: Robot, text: str, turns: Sequence[Turn]) -> Array:
     return np.array(errors)
 
 
-def fitted(robot: Robot, speed: float | None = None, progress: Report | None = None) -> Contact:
+def fitted(robot: Robot, speed: float | None = None, progress: Report | None = None) -> ContactSettings:
     """Return the contact with which MuJoCo's rover turns most like the model.
 
     Notes
@@ -307,11 +307,11 @@ def fitted(robot: Robot, speed: float | None = None, progress: Report | None = N
         nonlocal calls
         calls += 1
         advance(min(0.95, calls / 24.0))
-        contact = Contact(mu_s * math.exp(x[0]), float(x[1]))
+        contact = ContactSettings(mu_s * math.exp(x[0]), float(x[1]))
         errors = turn_errors(robot, mjcf(robot, contact), turns)
         return np.append(errors.ravel(), _MU_KNOWN * x[0])
 
     bounds = ([-1.5, _IMPEDANCE[0]], [1.5, _IMPEDANCE[1]])
     found = least_squares(off, [0.0, _START], bounds=bounds, diff_step=0.02, xtol=1e-3, ftol=1e-3, max_nfev=12)
-    best = Contact(mu_s * math.exp(found.x[0]), float(found.x[1]))
+    best = ContactSettings(mu_s * math.exp(found.x[0]), float(found.x[1]))
     return replace(best, error=float(np.sqrt(np.mean(np.square(found.fun[:-1])))))

@@ -41,7 +41,7 @@ PLACES = ("slope", "external_force", "friction_patch", "soil_softening")
 
 
 @dataclass(frozen=True)
-class Turn:
+class SteadyTurn:
     """One steady turn.
 
     Attributes
@@ -75,7 +75,7 @@ class Differential:
     radius_left: float
     drift: float
     tracks: tuple[float, ...]
-    turns: tuple[Turn, ...]
+    turns: tuple[SteadyTurn, ...]
 
 
 def turn_speed(robot: Robot) -> float:
@@ -109,7 +109,7 @@ def placeless(robot: Robot) -> Robot:
     return dataclasses.replace(robot, effects=kept)
 
 
-def steady_turn(robot: Robot, wheels: Array) -> Turn:
+def steady_turn(robot: Robot, wheels: Array) -> SteadyTurn:
     """Simulate one turn until it is steady.
 
     Raises
@@ -127,16 +127,16 @@ def steady_turn(robot: Robot, wheels: Array) -> Turn:
     yaw, (vx, vy, rate) = result.q[last, 5], result.v[last][:, [0, 1, 5]].T
     forward, aside = np.cos(yaw) * vx + np.sin(yaw) * vy, np.cos(yaw) * vy - np.sin(yaw) * vx
     right, left = (sensor_errors(robot).encoder_scale * wheels).tolist()
-    return Turn(right, left, float(forward.mean()), float(aside.mean()), float(rate.mean()))
+    return SteadyTurn(right, left, float(forward.mean()), float(aside.mean()), float(rate.mean()))
 
 
-def steady_turns(robot: Robot, speed: float | None = None) -> tuple[Turn, ...]:
+def steady_turns(robot: Robot, speed: float | None = None) -> tuple[SteadyTurn, ...]:
     """Simulate the turns that a robot is known by."""
     alone = placeless(robot)
     return tuple(steady_turn(alone, wheels) for wheels in wheel_speeds(robot, speed))
 
 
-def differential(turns: Sequence[Turn]) -> Differential:
+def differential(turns: Sequence[SteadyTurn]) -> Differential:
     """Return the differential drive that moves most like the turns.
 
     Its forward speed is ``(r_r right + r_l left) / 2`` and its yaw rate ``(r_r right - r_l left) / b``: both are
@@ -176,7 +176,7 @@ def _weighted(values: Array, rate: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Spread:
+class DrawnDrives:
     """The differential drive of a robot, and those of robots drawn within its file's intervals.
 
     Attributes
@@ -200,7 +200,7 @@ class Spread:
 
 def spread(
     robot: Robot, speed: float | None = None, draws: int = DRAWS, seed: int = 0, progress: Report | None = None
-) -> Spread:
+) -> DrawnDrives:
     """Return the differential drive of a robot, with what its intervals make of it.
 
     Parameters are drawn one by one, on each side of the value with its own width: a robot file says nothing about how
@@ -214,7 +214,7 @@ def spread(
     for number in range(draws if keys else 0):
         advance(number / draws)
         drawn.append(differential(steady_turns(_draw(robot, keys, rng), speed)))
-    return Spread(value, tuple(drawn), keys)
+    return DrawnDrives(value, tuple(drawn), keys)
 
 
 def _is_drawn(robot: Robot, key: str) -> bool:

@@ -273,7 +273,7 @@ _STDIN: Final = "-"
 
 
 @dataclass(frozen=True)
-class Frames:
+class FrameStream:
     """Frames to go through.
 
     Attributes
@@ -291,7 +291,7 @@ class Frames:
     robot: str | None
 
 
-def open_frames(source: str, topics: tuple[str, ...], start: float | None, end: float | None) -> Frames:
+def open_frames(source: str, topics: tuple[str, ...], start: float | None, end: float | None) -> FrameStream:
     """Open a recording, a log of candump or standard input (`-`).
 
     Parameters
@@ -317,7 +317,7 @@ def open_frames(source: str, topics: tuple[str, ...], start: float | None, end: 
     begin = info.start_ns + round((start or 0.0) * _SECOND)
     last = info.end_ns if end is None else min(info.end_ns, info.start_ns + round(end * _SECOND))
     stream = iter_frames(path, found, begin, last + 1) if begin <= last else iter(())
-    return Frames(source, stream, info.start_ns, last, info.metadata.get("robot"))
+    return FrameStream(source, stream, info.start_ns, last, info.metadata.get("robot"))
 
 
 def _log(path: Path) -> Iterator[CanFrame]:
@@ -325,13 +325,13 @@ def _log(path: Path) -> Iterator[CanFrame]:
         yield from iter_candump(stream, str(path))
 
 
-def _from_log(name: str, frames: Iterator[CanFrame], start: float | None, end: float | None) -> Frames:
+def _from_log(name: str, frames: Iterator[CanFrame], start: float | None, end: float | None) -> FrameStream:
     """The frames between two times from the first one on; the first is read at once."""
     head = next(frames, None)
     if head is None:
-        return Frames(name, iter(()), None, None, None)
+        return FrameStream(name, iter(()), None, None, None)
     begin = head.stamp_ns + round((start or 0.0) * _SECOND)
     last = None if end is None else head.stamp_ns + round(end * _SECOND)
     stream = (frame for frame in chain((head,), frames) if frame.stamp_ns >= begin)
     cut = stream if last is None else takewhile(lambda frame: frame.stamp_ns <= last, stream)
-    return Frames(name, cut, head.stamp_ns, None, None)
+    return FrameStream(name, cut, head.stamp_ns, None, None)

@@ -291,7 +291,7 @@ def serves_as(ros_type: str, wanted: str) -> bool:
 
 
 @dataclass
-class Rows:
+class TopicRows:
     """Rows of one topic while a recording is being read: as columns, for two hours of it are gigabytes of mappings.
 
     Attributes

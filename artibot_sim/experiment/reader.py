@@ -13,7 +13,7 @@ import numpy as np
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import Channel, Experiment, find_segments, measured_stamps
-from artibot_sim.experiment.messages import POSES, READABLE, TRANSFORMS, Decoder, Rows, decoder, serves_as
+from artibot_sim.experiment.messages import POSES, READABLE, TRANSFORMS, Decoder, TopicRows, decoder, serves_as
 from artibot_sim.experiment.storage import (
     BagInfo,
     ChannelInfo,
@@ -169,7 +169,7 @@ def _posed(wanted: dict[str, str], found: Mapping[str, str], remarks: list[str])
     return wanted
 
 
-def _refuse_empty(info: BagInfo, renames: Mapping[str, str], rows: Mapping[str, Rows]) -> None:
+def _refuse_empty(info: BagInfo, renames: Mapping[str, str], rows: Mapping[str, TopicRows]) -> None:
     """Raise where a topic that was named by hand has no message: asking for its name again would lead nowhere."""
     for wanted in renames:
         table = rows.get(find_topic(wanted).key)
@@ -219,9 +219,9 @@ def _count(info: BagInfo, wanted: Mapping[str, str]) -> int:
 
 def _read_rows(
     info: BagInfo, wanted: Mapping[str, str], pieces: Sequence[tuple[int | None, int | None]], progress: Report
-) -> dict[str, Rows]:
+) -> dict[str, TopicRows]:
     """Decode the messages of the wanted topics in some pieces into rows, by channel key."""
-    rows = {key: Rows(name) for name, key in wanted.items()}
+    rows = {key: TopicRows(name) for name, key in wanted.items()}
     decoders: dict[ChannelInfo, Decoder] = {}
     latest: dict[str, bytes] = {}
     first, last = pieces[0][0], pieces[0][1]

@@ -42,7 +42,7 @@ class Record(NamedTuple):
     content: bytes
 
 
-class Message(NamedTuple):
+class MessageRecord(NamedTuple):
     """A message record's fields; times in ns."""
 
     channel_id: int
@@ -52,10 +52,10 @@ class Message(NamedTuple):
     data: bytes
 
 
-def parse_message(content: bytes) -> Message:
+def parse_message(content: bytes) -> MessageRecord:
     """Return a message record's fields."""
     channel_id, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(content)
-    return Message(channel_id, sequence, log_ns, publish_ns, content[_MESSAGE.size :])
+    return MessageRecord(channel_id, sequence, log_ns, publish_ns, content[_MESSAGE.size :])
 
 
 def inner_length(body: bytes) -> int | None:
@@ -574,7 +574,7 @@ class _Salvage:
             self._channels[channel.id] = channel
             self._register(bag, channel)
 
-    def _copy(self, bag: BagWriter, message: Message) -> int:
+    def _copy(self, bag: BagWriter, message: MessageRecord) -> int:
         channel = self._channels[message.channel_id]
         bag.write(channel.topic, message.data, message.publish_ns, message.log_ns, message.sequence)
         self.counts[channel.topic] += 1

@@ -29,7 +29,7 @@ REST: Final = 1.0
 """How long the rover stands at the end, s: it is there where eq. 32 compares it."""
 
 
-class Reference(NamedTuple):
+class ReferenceBag(NamedTuple):
     """A recording in ``bags/``."""
 
     robot: str
@@ -38,8 +38,8 @@ class Reference(NamedTuple):
 
 
 REFERENCES: Final = {
-    "table6_agriq": Reference("agriq", "table6_agriq", "Table 6 trajectory of Agri.q, simulated on flat ground"),
-    "table6_epiq": Reference("epiq", "table6_epiq", "Table 6 trajectory of Epi.q, simulated on flat ground"),
+    "table6_agriq": ReferenceBag("agriq", "table6_agriq", "Table 6 trajectory of Agri.q, simulated on flat ground"),
+    "table6_epiq": ReferenceBag("epiq", "table6_epiq", "Table 6 trajectory of Epi.q, simulated on flat ground"),
 }
 """Folder's name → what is in it."""
 

@@ -11,7 +11,7 @@
 from artibot_sim.estimation.parameters import SOIL, Prior
 from artibot_sim.estimation.search import Effort
 from artibot_sim.identify.requested import parse_priors
-from artibot_sim.identify.result import ChannelFit, Estimate, Identification, Prediction, Status
+from artibot_sim.identify.result import ChannelFit, Estimate, FitStatus, Identification, Prediction
 from artibot_sim.identify.run import WINDOW, Work, identify
 
 __all__ = [
@@ -20,10 +20,10 @@ __all__ = [
     "ChannelFit",
     "Effort",
     "Estimate",
+    "FitStatus",
     "Identification",
     "Prediction",
     "Prior",
-    "Status",
     "Work",
     "identify",
     "parse_priors",

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.estimation.parameters import SOIL
-from artibot_sim.identify.result import Status
+from artibot_sim.identify.result import FitStatus
 from artibot_sim.identify.run import identify
 from artibot_sim.identify.synthetic import random_manoeuvre, random_soil, synthetic
 from artibot_sim.model import load_robot
@@ -35,7 +35,7 @@ class CoverageTrial:
     truth, value : array, shape (5,)
     low, high : array, shape (5,)
         Of the 95 % intervals.
-    status : Status
+    status : FitStatus
     seconds : float
     """
 
@@ -43,7 +43,7 @@ class CoverageTrial:
     value: Array
     low: Array
     high: Array
-    status: Status
+    status: FitStatus
     seconds: float
 
     @property
@@ -62,7 +62,7 @@ class CoverageTrial:
         """A trial from its line."""
         found = json.loads(line)
         arrays = {name: np.array(found[name]) for name in ("truth", "value", "low", "high")}
-        return cls(**arrays, status=Status(found["status"]), seconds=found["seconds"])
+        return cls(**arrays, status=FitStatus(found["status"]), seconds=found["seconds"])
 
 
 def trials(

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from artibot_sim.estimation.parameters import MU_D, MU_S, Parameter, ParameterSet
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.solver import Point
-from artibot_sim.estimation.uncertainty import Spread
-from artibot_sim.identify.result import Estimate, Status
-from artibot_sim.model.simulate.window_inputs import KINDS, Plan
+from artibot_sim.estimation.uncertainty import Distribution
+from artibot_sim.identify.result import Estimate, FitStatus
+from artibot_sim.model.simulate.window_inputs import KINDS, SamplingPlan
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def motion_of(problem: Problem, coordinates: Array, starts: Array, torques: bool
     t = [np.arange(0.05, duration, 0.05) for duration in problem.durations]
     seen = {}
     for name in ("sliding", "grip", "yaw_rate"):
-        plans = [Plan(times, np.full(len(times), KINDS.index(name))) for times in t]
+        plans = [SamplingPlan(times, np.full(len(times), KINDS.index(name))) for times in t]
         seen[name] = np.concatenate(problem.sampled(coordinates, starts, plans))
     known = np.isfinite(seen["sliding"])
     return FittedMotion(
@@ -93,7 +93,7 @@ def _power(exponent: float) -> str:
 
 
 def estimates(
-    parameters: ParameterSet, coordinates: Array, curvature: Spread, bootstrap: Spread, motion: FittedMotion
+    parameters: ParameterSet, coordinates: Array, curvature: Distribution, bootstrap: Distribution, motion: FittedMotion
 ) -> tuple[Estimate, ...]:
     """Values, intervals and statuses of all parameters.
 
@@ -109,15 +109,15 @@ def estimates(
         low, high = p.at(curvature.low[i]), p.at(curvature.high[i])
         again = p.at(bootstrap.low[i]), p.at(bootstrap.high[i])
         reason = unseen(p.key, motion)
-        status = Status.CONVERGED
+        status = FitStatus.CONVERGED
         if bound[i] and not reason:
-            status = Status.AT_BOUND
+            status = FitStatus.AT_BOUND
             reason = f"stands at the bound of its prior, {values[i]:.4g}; widen it, or look for another cause"
         elif reason or shares[i] > OPEN:
-            status = Status.NOT_IDENTIFIABLE
+            status = FitStatus.NOT_IDENTIFIABLE
             reason = reason or open_reason(p.key, motion)
         widened = _with_systematic(p, float(values[i]), min(low, again[0]), max(high, again[1]))
-        if status is Status.NOT_IDENTIFIABLE:
+        if status is FitStatus.NOT_IDENTIFIABLE:
             widened = _with_prior(widened, p)
         found.append(
             Estimate(p.key, p.name, p.unit, float(values[i]), widened, (float(low), float(high)), again,
@@ -133,14 +133,14 @@ def _under_the_limit(found: Sequence[Estimate], parameters: ParameterSet, values
     sliding, gripping = by_key.get(MU_D), by_key.get(MU_S)
     if sliding is None or gripping is None:
         return list(found)  # a mu_s that is not fitted gives way to mu_d
-    if sliding.value < (1.0 - _TOUCHES) * limit or sliding.status is not Status.CONVERGED:
+    if sliding.value < (1.0 - _TOUCHES) * limit or sliding.status is not FitStatus.CONVERGED:
         return list(found)
     ends = min(sliding.ci95[0], sliding.value), max(min(sliding.ci95[1], gripping.ci95[1]), sliding.value)
     note = (
         f"stands at mu_s, {limit:.4g}, which it cannot exceed: nothing shows that a wheel lets go when it slides; "
         "record tighter turns, or fit mu_s alone"
     )
-    said = replace(sliding, ci95=ends, status=Status.AT_BOUND, note=note)
+    said = replace(sliding, ci95=ends, status=FitStatus.AT_BOUND, note=note)
     return [said if estimate is sliding else estimate for estimate in found]
 
 
@@ -180,24 +180,24 @@ def open_reason(key: str, motion: FittedMotion) -> str:
     return "the manoeuvres change it together with others only"
 
 
-def overall(found: Sequence[Estimate], converged: bool, text: str, share: float) -> tuple[Status, str]:
+def overall(found: Sequence[Estimate], converged: bool, text: str, share: float) -> tuple[FitStatus, str]:
     """Status of the whole, and one line for a person."""
-    loose = [e for e in found if e.status is Status.NOT_IDENTIFIABLE]
+    loose = [e for e in found if e.status is FitStatus.NOT_IDENTIFIABLE]
     if loose:
         reasons = []
         for note in dict.fromkeys(e.note for e in loose):
             names = ", ".join(e.name for e in loose if e.note == note)
             reasons.append(f"{names} cannot be determined from these recordings: {note}")
-        return Status.NOT_IDENTIFIABLE, "; ".join(reasons)
-    at = [e for e in found if e.status is Status.AT_BOUND]
+        return FitStatus.NOT_IDENTIFIABLE, "; ".join(reasons)
+    at = [e for e in found if e.status is FitStatus.AT_BOUND]
     if at:
-        return Status.AT_BOUND, f"{', '.join(e.name for e in at)}: {at[0].note}"
+        return FitStatus.AT_BOUND, f"{', '.join(e.name for e in at)}: {at[0].note}"
     if share > OPEN:
         said = f"the combination {text} stays open: the data leave {100 * share:.0f} % of the prior's width"
-        return Status.NOT_IDENTIFIABLE, said
+        return FitStatus.NOT_IDENTIFIABLE, said
     if not converged:
-        return Status.NOT_CONVERGED, "the loss still fell when the steps ended; fit again from the result"
-    return Status.CONVERGED, "all parameters are identified"
+        return FitStatus.NOT_CONVERGED, "the loss still fell when the steps ended; fit again from the result"
+    return FitStatus.CONVERGED, "all parameters are identified"
 
 
 def excitation(problem: Problem, point: Point) -> Iterator[str]:

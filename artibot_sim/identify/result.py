@@ -166,7 +166,7 @@ def spaced(unit: str) -> str:
 Array = NDArray[np.float64]
 
 
-class Status(enum.Enum):
+class FitStatus(enum.Enum):
     """How an identification, or one parameter of it, ended."""
 
     CONVERGED = "converged"
@@ -191,7 +191,7 @@ class Estimate:
         Intervals by either way.
     prior : (float, float)
         Middle and standard deviation assumed beforehand.
-    status : Status
+    status : FitStatus
     note : str
         What a person should know about it; empty where nothing.
     """
@@ -204,7 +204,7 @@ class Estimate:
     curvature: tuple[float, float]
     bootstrap: tuple[float, float]
     prior: tuple[float, float]
-    status: Status
+    status: FitStatus
     note: str = ""
 
 
@@ -284,7 +284,7 @@ class Identification:
         Of the estimates' logarithms.
     weakest : str
         The combination of parameters that the data say least about, and how much.
-    status : Status
+    status : FitStatus
         The worst of all.
     message : str
         One line for a person.
@@ -308,7 +308,7 @@ class Identification:
     estimates: tuple[Estimate, ...]
     correlation: Array
     weakest: str
-    status: Status
+    status: FitStatus
     message: str
     recordings: tuple[str, ...]
     windows: int
@@ -391,7 +391,7 @@ def _estimate_from(key: str, entry: Mapping[str, Any]) -> Estimate:
     prior = (float(entry["prior"]["value"]), float(entry["prior"]["sd"]))
     return Estimate(
         key, key.removeprefix("contact."), entry["unit"], entry["value"], ci95, curvature, bootstrap, prior,
-        Status(entry["status"]), entry["note"],
+        FitStatus(entry["status"]), entry["note"],
     )  # fmt: skip
 
 

@@ -44,7 +44,7 @@ from artibot_sim.estimation.windows import CHANNEL_NAMES, cut
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.judgement import FittedMotion, estimates, motion_of, overall, weakest
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.result import Estimate, Identification, Status
+from artibot_sim.identify.result import Estimate, FitStatus, Identification
 from artibot_sim.identify.validation import PredictedRecording, channel_fits, hold_out
 from artibot_sim.model import Robot
 from artibot_sim.progress import Report
@@ -90,7 +90,7 @@ class Work:
     fit : Fit
     around : Surroundings
         Where the search could have ended as well.
-    held : tuple of Held
+    held : tuple of PredictedRecording
     shifts : mapping of str to float
         s by which stamps were shifted before anything was fitted, in the mean over the recordings, by finding.
     """
@@ -382,7 +382,7 @@ def identified_robot(parameters: ParameterSet, found: Sequence[Estimate], names:
     sources = dict(changed.sources)
     where = ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")
     for e in found:
-        said = "" if e.status is Status.CONVERGED else f"; {e.status.value}"
+        said = "" if e.status is FitStatus.CONVERGED else f"; {e.status.value}"
         sources[e.key] = f"identified: from {where}{said}"
     intervals = dict(changed.intervals) | {e.key: e.ci95 for e in found}
     return replace(changed, sources=sources, intervals=intervals)

@@ -24,7 +24,7 @@ from artibot_sim.experiment.smoothing import fresh
 from artibot_sim.identify.result import ChannelFit, Prediction, spaced
 from artibot_sim.model import Robot, initial_state
 from artibot_sim.model.simulate.state import from_memory
-from artibot_sim.model.simulate.window_inputs import KINDS, Plan
+from artibot_sim.model.simulate.window_inputs import KINDS, SamplingPlan
 
 # ----------------------------------------------------------------------
 # How far predictions are from measurements, channel by channel.
@@ -378,10 +378,12 @@ def _left(
         return None
     sliding = KINDS.index("sliding")
     times = [np.arange(0.0, duration, _LOOK) for duration in problem.durations]
-    followed = problem.sampled(np.empty(0), point.starts, [Plan(x, np.full(len(x), sliding)) for x in times])
+    followed = problem.sampled(np.empty(0), point.starts, [SamplingPlan(x, np.full(len(x), sliding)) for x in times])
     at = np.concatenate([problem.windows[i].t + times[i] for i in mine])
     patterns = np.concatenate([followed[i] for i in mine])
-    free = alone.sampled(np.empty(0), start, [Plan(np.maximum(at - whole.t, 0.0), np.full(len(at), sliding))])[0]
+    free = alone.sampled(np.empty(0), start, [SamplingPlan(np.maximum(at - whole.t, 0.0), np.full(len(at), sliding))])[
+        0
+    ]
     other = patterns != free
     need = round(_OTHER / _LOOK)
     for k in np.flatnonzero(other):

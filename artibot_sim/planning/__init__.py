@@ -27,7 +27,7 @@ from artibot_sim.planning.manoeuvre import (
     TurnInPlace,
     YawRateChirp,
 )
-from artibot_sim.planning.plan import FrontKinematics, Plan, Sample, plan
+from artibot_sim.planning.plan import FrontKinematics, Plan, PlanSample, plan
 from artibot_sim.planning.route import Mark, PlannedMotion
 
 __all__ = [
@@ -39,10 +39,10 @@ __all__ = [
     "Manoeuvre",
     "Mark",
     "Plan",
+    "PlanSample",
     "PlannedMotion",
     "Ramp",
     "Repeat",
-    "Sample",
     "Segment",
     "Slalom",
     "SpeedChirp",

@@ -194,7 +194,7 @@ class Sine(PathShape):
 
 
 @dataclass(frozen=True)
-class Spot(Shape):
+class SpotTurn(Shape):
     """A turn in place; progress is the angle turned, `sense` 1 to the left and -1 to the right."""
 
     sense: float

@@ -72,7 +72,7 @@ MAX_SAMPLES = 2_000_000
 
 
 @dataclass(frozen=True)
-class Sample(PlannedMotion):
+class PlanSample(PlannedMotion):
     """A plan at times `t`: :class:`PlannedMotion` and what the front motors do for it.
 
     Attributes
@@ -135,7 +135,7 @@ class Plan:
     _route: Route = field(repr=False)
     _kinematics: FrontKinematics = field(repr=False)
 
-    def at(self, t: float | Array) -> Sample:
+    def at(self, t: float | Array) -> PlanSample:
         """The plan at any times, independent of `dt`.
 
         Parameters
@@ -145,7 +145,7 @@ class Plan:
 
         Returns
         -------
-        Sample
+        PlanSample
             Arrays of n rows (one row for a float).
         """
         return _sample(self._route, self._kinematics, np.atleast_1d(np.asarray(t, dtype=float)))
@@ -230,15 +230,15 @@ def _route(manoeuvre: Manoeuvre, start: Sequence[float]) -> Route:
         raise ArtibotError(f"{manoeuvre.name}: {error}") from error
 
 
-def _sample(route: Route, kinematics: FrontKinematics, t: Array) -> Sample:
+def _sample(route: Route, kinematics: FrontKinematics, t: Array) -> PlanSample:
     motion = route.at(t)
     velocity = kinematics.inverse(motion.twist[:, 0], motion.twist[:, 1])
     position = kinematics.inverse(motion.arc, motion.pose[:, 2] - route.start_yaw)
-    return Sample(**vars(motion), velocity=velocity, position=position)
+    return PlanSample(**vars(motion), velocity=velocity, position=position)
 
 
 def _warnings(
-    route: Route, kinematics: FrontKinematics, sample: Sample, wheel_speed_limit: float | None
+    route: Route, kinematics: FrontKinematics, sample: PlanSample, wheel_speed_limit: float | None
 ) -> tuple[str, ...]:
     found = []
     speed = float(route.at(np.array([route.duration])).twist[0, 0])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from artibot_sim.errors import ArtibotError
 from artibot_sim.planning import manoeuvre as m
 from artibot_sim.planning.manoeuvre import Manoeuvre
-from artibot_sim.planning.paths import Array, Clothoid, PathShape, Shape, Sine, SpeedWave, Spot, Wave, YawWave
+from artibot_sim.planning.paths import Array, Clothoid, PathShape, Shape, Sine, SpeedWave, SpotTurn, Wave, YawWave
 
 # ----------------------------------------------------------------------
 # Progress as a function of time: constant rates and the paper's cubic ramps.
@@ -129,7 +129,7 @@ class _Builder:
                 self.path(segment)
             case m.TurnInPlace():
                 self.standing("to turn in place")
-                spot = Spot(abs(segment.angle), math.copysign(1.0, segment.angle))
+                spot = SpotTurn(abs(segment.angle), math.copysign(1.0, segment.angle))
                 self.append((spot,), rest_to_rest(spot.length, segment.yaw_rate, segment.yaw_a_max), 0.0)
             case m.Chirp():
                 self.chirp(segment)

@@ -18,7 +18,7 @@ from artibot_sim.report.panels import Figure
 from artibot_sim.report.path_panel import path_panel
 from artibot_sim.report.paths import find_track, motion_window
 from artibot_sim.report.style import BAGS
-from artibot_sim.report.time_panels import Source, time_panels
+from artibot_sim.report.time_panels import DrawnRecording, time_panels
 
 if TYPE_CHECKING:
     from artibot_sim.model import Robot
@@ -109,15 +109,17 @@ def labels(experiments: Sequence[Experiment]) -> list[str]:
     return names
 
 
-def _sources(experiments: Sequence[Experiment], robots: Sequence[Robot | None]) -> list[Source]:
+def _sources(experiments: Sequence[Experiment], robots: Sequence[Robot | None]) -> list[DrawnRecording]:
     if len(experiments) == 1:
-        return [Source(experiments[0], experiments[0].name, None, robots[0])]
+        return [DrawnRecording(experiments[0], experiments[0].name, None, robots[0])]
     zeros, _ = align(experiments)
     rows = zip(experiments, labels(experiments), robots, zeros, strict=True)
-    return [Source(experiment, label, i, robot, zero) for i, (experiment, label, robot, zero) in enumerate(rows)]
+    return [
+        DrawnRecording(experiment, label, i, robot, zero) for i, (experiment, label, robot, zero) in enumerate(rows)
+    ]
 
 
-def _titles(sources: Sequence[Source]) -> tuple[str, str]:
+def _titles(sources: Sequence[DrawnRecording]) -> tuple[str, str]:
     """Return what was driven, and with what and when."""
     experiments = [source.experiment for source in sources]
     title = " · ".join(source.label for source in sources)

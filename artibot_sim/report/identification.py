@@ -17,7 +17,7 @@ from artibot_sim.identify.validation import deviations, end_errors, worst_of
 from artibot_sim.report.page import Section, render_page
 from artibot_sim.report.panels import Figure, Floats, Level, Line, Panel
 from artibot_sim.report.style import LEFT, MUTED, ODOMETRIC, POINTS, RIGHT, TRUE, Stroke
-from artibot_sim.report.windows import Drive, Path, side_by_side
+from artibot_sim.report.windows import Path, WindowErrors, side_by_side
 
 if TYPE_CHECKING:
     import pathlib
@@ -76,7 +76,7 @@ def _drives(held: PredictedRecording, error: Floats) -> Iterator[Panel]:
         paths = [Path("measured", _points(held, i, None), _WINDOW_MEASURED)]
         models = {"this model": held.residuals, **held.rivals}
         paths += [Path(name, _points(held, i, own[i]), _MODELS[name]) for name, own in models.items()]
-        drives.append(Drive(window.t, float(error[i]), paths))
+        drives.append(WindowErrors(window.t, float(error[i]), paths))
     title = "Typical, bad and worst windows"
     for panel in side_by_side(held.summary.name, drives):
         yield replace(panel, title=f"{held.summary.name}: {panel.title}", part=title)

@@ -42,7 +42,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Entry:
+class LegendEntry:
     """An entry of a legend, for one line or for all lines of a kind.
 
     Attributes
@@ -133,7 +133,7 @@ class Panel:
         return self.x == ("time", "s")
 
     @property
-    def legend(self) -> tuple[Entry, ...]:
+    def legend(self) -> tuple[LegendEntry, ...]:
         """What the strokes mean.
 
         What was measured has an entry a line, or none where the figure's key tells recordings apart; what was
@@ -143,11 +143,13 @@ class Panel:
         for kind in dict.fromkeys(line.kind for line in self.lines):
             lines = [line for line in self.lines if line.kind == kind]
             if kind in ("true", "measured"):
-                entries += [Entry(line.side or kind, kind, line.side, line.stroke) for line in lines if not line.bag]
+                entries += [
+                    LegendEntry(line.side or kind, kind, line.side, line.stroke) for line in lines if not line.bag
+                ]
             else:
                 alone = len({(line.bag, line.stroke) for line in lines}) == 1 and not lines[0].bag
                 stroke = lines[0].stroke if alone else shared(lines[0].stroke)
-                entries.append(Entry(kind, kind, "", stroke))
+                entries.append(LegendEntry(kind, kind, "", stroke))
         return tuple(replace(entry, stroke=entry.stroke._replace(opacity=1.0)) for entry in entries)
 
     @property

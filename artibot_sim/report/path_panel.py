@@ -13,7 +13,7 @@ from artibot_sim.experiment.resimulate import ground_of
 from artibot_sim.report import style
 from artibot_sim.report.panels import Arrows, Floats, Line, Outline, Panel, extent
 from artibot_sim.report.paths import KINDS, TOPICS, Track, broken, find_track, find_truth, outline, size
-from artibot_sim.report.time_panels import CROWD, Source, merged
+from artibot_sim.report.time_panels import CROWD, DrawnRecording, merged
 
 _ARROWS = 7
 _OUTLINES = 6
@@ -26,7 +26,7 @@ _CONTOURS = 8
 _GRID = 160
 
 
-def path_panel(sources: Sequence[Source]) -> tuple[Panel | None, dict[str, str]]:
+def path_panel(sources: Sequence[DrawnRecording]) -> tuple[Panel | None, dict[str, str]]:
     """Return the panel of the paths, None where no recording has any, and what is missing → why."""
     lines: list[Line] = []
     missing: dict[str, str] = {}
@@ -53,7 +53,7 @@ def path_panel(sources: Sequence[Source]) -> tuple[Panel | None, dict[str, str]]
     return panel, missing
 
 
-def _line(source: Source, track: Track) -> Line:
+def _line(source: DrawnRecording, track: Track) -> Line:
     stroke = style.track_stroke(track.kind, source.number)
     if len(source.experiment.segments) > CROWD:
         stroke = style.crowded(stroke)
@@ -61,7 +61,7 @@ def _line(source: Source, track: Track) -> Line:
     return Line(source.named(track.kind), track.kind, source.bag, x, y, stroke)
 
 
-def _contours(sources: Sequence[Source], lines: Sequence[Line]) -> tuple[list[Line], str]:
+def _contours(sources: Sequence[DrawnRecording], lines: Sequence[Line]) -> tuple[list[Line], str]:
     """Lines of equal height of the ground that the first recording which knows any was driven over; or why none."""
     experiment = next((source.experiment for source in sources if source.experiment.metadata.get("ground")), None)
     if experiment is None:
@@ -107,7 +107,7 @@ def main_track(experiment: Experiment) -> Track | None:
     return find_truth(experiment) or find_track(experiment, "odometric") or find_track(experiment, "planned")
 
 
-def _starts(sources: Sequence[Source]) -> Floats:
+def _starts(sources: Sequence[DrawnRecording]) -> Floats:
     """Return where the rovers start, (n, 2) in m, each place once."""
     places: list[Floats] = []
     for track in filter(None, (main_track(source.experiment) for source in sources)):
@@ -124,7 +124,7 @@ def _travelled(track: Track) -> Floats:
     return np.concatenate([[0.0], np.cumsum(np.where(np.diff(track.piece) == 0, step, 0.0))])
 
 
-def _arrows(source: Source) -> Arrows | None:
+def _arrows(source: DrawnRecording) -> Arrows | None:
     """Return marks of direction at even distances along the path, away from the ends of its pieces."""
     track = main_track(source.experiment)
     if track is None or track.piece[-1] - track.piece[0] >= CROWD:
@@ -147,7 +147,7 @@ def _arrows(source: Source) -> Arrows | None:
     return Arrows(track.x[middle], track.y[middle], heading, stroke)
 
 
-def _outlines(sources: Sequence[Source]) -> tuple[tuple[Outline, ...], str]:
+def _outlines(sources: Sequence[DrawnRecording]) -> tuple[tuple[Outline, ...], str]:
     """Return the rover of the first recording that has its pose, at some instants; else why there is none."""
     why = ""
     for source in sources:
@@ -161,7 +161,7 @@ def _outlines(sources: Sequence[Source]) -> tuple[tuple[Outline, ...], str]:
     return (), why
 
 
-def _rovers(source: Source, track: Track) -> list[Outline]:
+def _rovers(source: DrawnRecording, track: Track) -> list[Outline]:
     """Return the rover at even distances along the first piece of its path."""
     robot = source.robot
     assert robot is not None and track.yaw is not None

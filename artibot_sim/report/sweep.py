@@ -12,7 +12,7 @@ from artibot_sim.report import style
 from artibot_sim.report.page import Part, breakable, filled, render_frame
 from artibot_sim.report.web import numbers
 from artibot_sim.sweep.measures import MEASURES
-from artibot_sim.sweep.summary import HeatMap, Summary
+from artibot_sim.sweep.summary import MeanMap, Summary
 
 LINES = 1_500
 """Runs that are drawn one by one."""
@@ -77,7 +77,7 @@ def _column(values: NDArray[Any]) -> list[Any]:
     return numbers(values) if values.dtype.kind == "f" else values.tolist()
 
 
-def _map(one: HeatMap) -> dict[str, Any]:
+def _map(one: MeanMap) -> dict[str, Any]:
     return {
         "x": one.x.key, "y": one.y.key, "xs": list(one.x.labels), "ys": list(one.y.labels),
         "z": {name: [numbers(row, 5) for row in mean] for name, mean in one.mean.items()},

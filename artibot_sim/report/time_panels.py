@@ -27,7 +27,7 @@ _COMMON = 0.8
 
 
 @dataclass(frozen=True)
-class Source:
+class DrawnRecording:
     """A recording as it is drawn.
 
     Attributes
@@ -59,11 +59,11 @@ class Source:
         return name if self.number is None else f"{self.label}, {name}"
 
 
-def time_panels(sources: Sequence[Source]) -> tuple[list[Panel], dict[str, str]]:
+def time_panels(sources: Sequence[DrawnRecording]) -> tuple[list[Panel], dict[str, str]]:
     """Return the panels over time that have anything to draw, and what is missing → why."""
     found: list[Panel] = []
     missing: dict[str, str] = {}
-    makers: list[Callable[[Sequence[Source]], Made]] = [_yaw, _speed, *_motor_panels(sources), _articulation]
+    makers: list[Callable[[Sequence[DrawnRecording]], Made]] = [_yaw, _speed, *_motor_panels(sources), _articulation]
     for make in makers:
         panel, why = make(sources)
         if panel is not None:
@@ -76,7 +76,7 @@ def time_panels(sources: Sequence[Source]) -> tuple[list[Panel], dict[str, str]]
 Made = tuple[Panel | None, tuple[str, str] | None]
 
 
-def _yaw(sources: Sequence[Source]) -> Made:
+def _yaw(sources: Sequence[DrawnRecording]) -> Made:
     lines = []
     for source in sources:
         planned = find_track(source.experiment, "planned")
@@ -88,7 +88,7 @@ def _yaw(sources: Sequence[Source]) -> Made:
         "yaw", f"no orientation on {TOPICS['true']}, {TOPICS['odometric']} or /planned/odom")  # fmt: skip
 
 
-def _speed(sources: Sequence[Source]) -> Made:
+def _speed(sources: Sequence[DrawnRecording]) -> Made:
     lines = []
     for source in sources:
         for kind, channel in _track_channels(source.experiment):
@@ -103,7 +103,7 @@ def _track_channels(experiment: Experiment) -> list[tuple[str, Channel]]:
     return [(kind, experiment.channels[key]) for kind, key in keys if key in experiment.channels]
 
 
-def _motor_panels(sources: Sequence[Source]) -> list[_Motors]:
+def _motor_panels(sources: Sequence[DrawnRecording]) -> list[_Motors]:
     """Return what makes the motors' panels: two sides in one, or one panel a motor where recordings are compared."""
     alone = len(sources) == 1
     wanted = [("velocity", "front"), ("effort", "front"), ("effort", "back")]
@@ -119,7 +119,7 @@ class _Motors:
     end: str
     sides: tuple[str, ...]
 
-    def __call__(self, sources: Sequence[Source]) -> Made:
+    def __call__(self, sources: Sequence[DrawnRecording]) -> Made:
         lines = []
         for kind, key in (("measured", "motor_torques"), ("commanded", "motor_command")):
             for source in sources:
@@ -142,14 +142,14 @@ class _Motors:
     def _side(self, side: str) -> str:
         return side if len(self.sides) > 1 else ""
 
-    def _missing(self, sources: Sequence[Source], word: str) -> tuple[str, str] | None:
+    def _missing(self, sources: Sequence[DrawnRecording], word: str) -> tuple[str, str] | None:
         robots = [source.robot for source in sources]
         if self.end == "back" and all(robot is not None and not robot.articulated for robot in robots):
             return None  # there are no back motors to be missed
         what = f"{self.end} {'right and left' if len(self.sides) > 1 else self.sides[0]} motor {word}"
         return what.replace(" right and left", ""), f"no {self.quantity} on /motor_torques or /motor_command"
 
-    def _limits(self, sources: Sequence[Source], panel: Panel) -> tuple[Level, ...]:
+    def _limits(self, sources: Sequence[DrawnRecording], panel: Panel) -> tuple[Level, ...]:
         """Return ±torque_max where all robots agree on one that is not far beyond what was reached."""
         found = set()
         for source in sources:
@@ -162,7 +162,7 @@ class _Motors:
         return tuple(Level(name if i == 0 else "", sign * limit, style.LIMIT) for i, sign in enumerate(near))
 
 
-def _articulation(sources: Sequence[Source]) -> Made:
+def _articulation(sources: Sequence[DrawnRecording]) -> Made:
     lines = []
     for source in sources:
         channel = source.experiment.channels.get("joint_states")
@@ -175,7 +175,7 @@ def _articulation(sources: Sequence[Source]) -> Made:
 
 
 def _lines(
-    source: Source, channel: Channel | None, column: str, kind: str, stroke: style.Stroke, side: str = ""
+    source: DrawnRecording, channel: Channel | None, column: str, kind: str, stroke: style.Stroke, side: str = ""
 ) -> list[Line]:
     """Return a column over time as a line, none where it was not measured."""
     if channel is None or column not in channel:

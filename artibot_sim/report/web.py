@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from artibot_sim.report import style
-from artibot_sim.report.panels import Arrows, Entry, Floats, Line, Outline, Panel, extent
+from artibot_sim.report.panels import Arrows, Floats, LegendEntry, Line, Outline, Panel, extent
 
 MOST_POINTS = 3_000
 """Longer lines are thinned: a browser would crawl, and no screen shows more."""
@@ -110,7 +110,7 @@ def _group(kind: str, side: str) -> str:
     return f"{kind} {side}".strip() if kind == "measured" else kind
 
 
-def _entry(entry: Entry) -> dict[str, Any]:
+def _entry(entry: LegendEntry) -> dict[str, Any]:
     """Return an empty trace that stands in the legend for all lines of its group."""
     group = _group(entry.kind, entry.side)
     return {"type": "scatter", "x": [None], "y": [None], "name": entry.name, "legendgroup": group,

@@ -35,7 +35,7 @@ class Path:
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class WindowErrors:
     """One window.
 
     Attributes
@@ -53,7 +53,7 @@ class Drive:
     paths: Sequence[Path]
 
 
-def side_by_side(key: str, drives: Sequence[Drive]) -> list[Panel]:
+def side_by_side(key: str, drives: Sequence[WindowErrors]) -> list[Panel]:
     """One panel each of a typical, a bad and the worst window; no window twice.
 
     Every window is drawn from where it begins, its first direction along x, so that windows without a map in common
@@ -63,7 +63,7 @@ def side_by_side(key: str, drives: Sequence[Drive]) -> list[Panel]:
     ----------
     key : str
         Begins the panels' keys.
-    drives : sequence of Drive
+    drives : sequence of WindowErrors
     """
     ways = {id(drive): _reach(drive.paths[0].points) for drive in drives if np.isfinite(drive.error)}
     least = _STANDS * max(ways.values(), default=0.0)
@@ -87,7 +87,7 @@ def share_of(name: str) -> str:
     return "the worst" if share == 1.0 else f"{name} ({100 * share:.0f} % err by no more)"
 
 
-def _panel(key: str, said: str, drive: Drive) -> Panel:
+def _panel(key: str, said: str, drive: WindowErrors) -> Panel:
     start, turn = _frame(drive.paths[0].points)
     lines = []
     for path in drive.paths:

@@ -109,7 +109,7 @@ def _differences(robots: Sequence[Robot | None]) -> Array:
 
 
 @dataclass
-class Search:
+class Table7Search:
     """Geometries that were tried, and how far beyond the bounds each is.
 
     Attributes
@@ -193,7 +193,7 @@ def command(everything: bool, generations: int, population: int) -> None:
     from scipy.optimize import differential_evolution
 
     ranges = LENGTHS | INFERRED if everything else LENGTHS
-    search = Search(tuple(ranges))
+    search = Table7Search(tuple(ranges))
     with Bar(total=float(generations)) as bar:
         done = 0
 

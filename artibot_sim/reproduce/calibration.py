@@ -46,7 +46,7 @@ def _trajectory(name: str) -> Manoeuvre:
 
 
 @dataclass(frozen=True)
-class Unknown:
+class UnknownLength:
     """A length that is searched: the keys of the robot file that it sets, and its bounds, m."""
 
     name: str
@@ -62,7 +62,7 @@ class CalibrationProblem:
     Attributes
     ----------
     robot : str
-    unknowns : tuple of Unknown
+    unknowns : tuple of UnknownLength
     tests : tuple of str
         Tests of section 6 whose radii (the paper's model) are fitted beside Table 7.
     data : str
@@ -70,7 +70,7 @@ class CalibrationProblem:
     """
 
     robot: str
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[UnknownLength, ...]
     tests: tuple[str, ...]
     length: bool
     data: str
@@ -116,9 +116,9 @@ PROBLEMS = {
     "agriq": CalibrationProblem(
         "agriq",
         (
-            Unknown("i_x", _LENGTHS["i_x"], 0.30, 0.70),
-            Unknown("i_y", _LENGTHS["i_y"], 0.55, 0.95),
-            Unknown("l_b", ("back.l",), 0.70, 1.30),
+            UnknownLength("i_x", _LENGTHS["i_x"], 0.30, 0.70),
+            UnknownLength("i_y", _LENGTHS["i_y"], 0.55, 0.95),
+            UnknownLength("l_b", ("back.l",), 0.70, 1.30),
         ),
         ("test1", "test2"),
         True,
@@ -127,9 +127,9 @@ PROBLEMS = {
     "epiq": CalibrationProblem(
         "epiq",
         (
-            Unknown("i_x", _LENGTHS["i_x"], 0.03, 0.20),
-            Unknown("i_y", _LENGTHS["i_y"], 0.10, 0.35),
-            Unknown("l_f = l_b", ("front.l", "back.l"), 0.03, 0.25),
+            UnknownLength("i_x", _LENGTHS["i_x"], 0.03, 0.20),
+            UnknownLength("i_y", _LENGTHS["i_y"], 0.10, 0.35),
+            UnknownLength("l_f = l_b", ("front.l", "back.l"), 0.03, 0.25),
         ),
         (),
         False,

@@ -15,7 +15,7 @@ from artibot_sim.report.page import Part, render_frame
 from artibot_sim.report.panels import Panel, extent
 from artibot_sim.report.png import draw_panel, legend, new_canvas, to_png
 from artibot_sim.report.web import chart, numbers
-from artibot_sim.reproduce.result import HeatMap, Section, Sheet, Statement, Table, the_paper
+from artibot_sim.reproduce.result import HeatMap, Section, Sheet, Statement, TextTable, the_paper
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -152,7 +152,7 @@ def _wrapped(text: str, colour: str, indent: str = "") -> list[Row]:
     return [(line, colour, False) for line in wrapped]
 
 
-def _summary_table(table: Table) -> list[Row]:
+def _summary_table(table: TextTable) -> list[Row]:
     """The rows with their columns aligned; headings that are wider than their column are wrapped."""
     cells = [max([len(row[i]) for row in table.rows] + [0]) for i in range(len(table.columns))]
     words = [max([len(word) for word in head.split()] + [9]) for head in table.columns]
@@ -267,7 +267,7 @@ SENTENCE = 40
 """A column with a text longer than this is broken into lines, characters."""
 
 
-def _table(table: Table) -> str:
+def _table(table: TextTable) -> str:
     marks = ["text" if max(map(len, column), default=0) > SENTENCE else "" for column in zip(*table.rows, strict=True)]
     marks = marks or [""] * len(table.columns)
     head = "".join(

@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 
-class Circle(NamedTuple):
+class CircleTest(NamedTuple):
     """One of section 6's tests: a circle at constant speed, Agri.q, the right wheels outside.
 
     Radii in m, speed in m/s, e_gamma and e_x (eqs 31, 32) in percent; the kinds are the columns and rows of Table 5.
@@ -22,14 +22,14 @@ class Circle(NamedTuple):
 
 PLANNED, ODOMETRIC, MEASURED, SIMULATED = "planned", "odometric", "measured", "simulated"
 
-TESTS: Final[dict[str, Circle]] = {
-    "test1": Circle(
+TESTS: Final[dict[str, CircleTest]] = {
+    "test1": CircleTest(
         speed=0.5,
         radius={PLANNED: 2.0, ODOMETRIC: 2.63, MEASURED: 3.34, SIMULATED: 3.34},
         e_gamma={ODOMETRIC: -24.76, MEASURED: -42.20, SIMULATED: -40.39},
         e_x={ODOMETRIC: 3.53, MEASURED: 24.02, SIMULATED: 24.30},
     ),
-    "test2": Circle(
+    "test2": CircleTest(
         speed=1.0,
         radius={PLANNED: 3.0, ODOMETRIC: 4.13, MEASURED: 5.53, SIMULATED: 5.12},
         e_gamma={ODOMETRIC: -30.81, MEASURED: -48.69, SIMULATED: -43.77},
@@ -66,7 +66,7 @@ TABLE_7: Final[dict[str, dict[float, tuple[float, float]]]] = {
 """Robot → kappa → (magnitude of e_gamma, e_x), percent. Table 7 prints e_gamma without a sign."""
 
 
-class Inputs(NamedTuple):
+class PrintedTables(NamedTuple):
     """What Tables 2 to 4 print of a robot: keys of its robot file and printed values."""
 
     table2: dict[str, float]
@@ -75,7 +75,7 @@ class Inputs(NamedTuple):
 
 
 INPUTS: Final = {
-    "epiq": Inputs(
+    "epiq": PrintedTables(
         table2={
             "front.m*": 1.98, "back.m*": 1.98,
             "front.J_x": 0.7e-2, "front.J_y": 1.7e-2, "front.J_z": 0.2e-2,
@@ -91,7 +91,7 @@ INPUTS: Final = {
             "contact.mu_s": 0.90, "contact.mu_d": 0.60, "contact.u_w": 8.00e-4,
         },
     ),
-    "agriq": Inputs(
+    "agriq": PrintedTables(
         table2={
             "front.m*": 59.0, "back.m*": 28.0,
             "front.J_x": 5.729, "front.J_y": 5.729, "front.J_z": 9.167,

@@ -28,7 +28,7 @@ _ASSUMPTION = {TAKEN: "taken from it", CALIBRATED: "fitted to it"}
 
 
 @dataclass(frozen=True)
-class Comparison:
+class PaperComparison:
     """One number of the paper and ours.
 
     Attributes
@@ -108,7 +108,7 @@ class Statement:
 
 
 @dataclass(frozen=True)
-class Table:
+class TextTable:
     """Lines of texts under headings."""
 
     title: str
@@ -162,8 +162,8 @@ class Section:
     number: int
     title: str
     sheets: tuple[Sheet, ...]
-    tables: tuple[Table, ...]
-    comparisons: tuple[Comparison, ...]
+    tables: tuple[TextTable, ...]
+    comparisons: tuple[PaperComparison, ...]
     statements: tuple[Statement, ...]
     notes: tuple[str, ...] = field(default=())
     short: tuple[str, ...] = field(default=())
@@ -187,7 +187,7 @@ def percent(value: float, digits: int = 2) -> str:
     return f"{100 * value:.{digits}f} %".replace("-", "−")
 
 
-def comparison_table(title: str, comparisons: Sequence[Comparison], note: str = "") -> Table:
+def comparison_table(title: str, comparisons: Sequence[PaperComparison], note: str = "") -> TextTable:
     """The comparisons as a table."""
     columns = ("quantity", "paper", "artibot", "difference", "allowed", "agrees", "basis", "place in the paper")
     rows = tuple(
@@ -197,10 +197,10 @@ def comparison_table(title: str, comparisons: Sequence[Comparison], note: str = 
         )
         for c in comparisons
     )  # fmt: skip
-    return Table(title, columns, rows, note)
+    return TextTable(title, columns, rows, note)
 
 
-def the_paper(sections: Sequence[Section]) -> Table:
+def the_paper(sections: Sequence[Section]) -> TextTable:
     """Every number and statement of the paper beside the model's, by figure and table, with what each assumes."""
     rows: list[tuple[str, ...]] = []
     for section in sections:
@@ -215,17 +215,17 @@ def the_paper(sections: Sequence[Section]) -> Table:
         "Differences are artibot's less the paper's, with their sign: points of percentages, else percent. Figs 1 to "
         "5, 7 and 8 are sketches, photographs and a flow chart: they print nothing to compare. Table 1 is lost."
     )
-    return Table(
+    return TextTable(
         "The paper", ("place in the paper", "quantity", "paper", "artibot", "difference", "assumes"), tuple(rows), note
     )
 
 
-def count(comparisons: Sequence[Comparison]) -> str:
+def count(comparisons: Sequence[PaperComparison]) -> str:
     """How many of the comparisons agree, in words."""
     return f"{sum(c.agrees for c in comparisons)} of {len(comparisons)}"
 
 
-def worst(comparisons: Sequence[Comparison]) -> str:
+def worst(comparisons: Sequence[PaperComparison]) -> str:
     """How far the worst comparison is off, in words."""
     return f"(at most {max(abs(c.difference) for c in comparisons):.2f} points off)"
 

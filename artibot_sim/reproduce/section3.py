@@ -8,7 +8,7 @@ from artibot_sim.model import Robot, load_robot
 from artibot_sim.model.robot.derived import starred
 from artibot_sim.reproduce.calibration import overall_length
 from artibot_sim.reproduce.paper import INPUTS, KAPPA_MIN, LENGTH, MASS, ROBOTS
-from artibot_sim.reproduce.result import PREDICTED, TAKEN, Comparison, Section, comparison_table
+from artibot_sim.reproduce.result import PREDICTED, TAKEN, PaperComparison, Section, comparison_table
 
 _ROUNDING = 5e-4
 """Half a unit of the third digit, relative to one: the inputs are printed with two to six digits."""
@@ -28,7 +28,7 @@ def section3() -> Section:
     return Section(3, "The robots' numbers, Tables 2 to 4", (), tables, sum(found.values(), ()), (), notes)
 
 
-def _comparisons(name: str, who: str, robot: Robot) -> Iterator[Comparison]:
+def _comparisons(name: str, who: str, robot: Robot) -> Iterator[PaperComparison]:
     assert robot.back is not None and robot.drive.back is not None
     units = {key: quantity.unit.replace("-", "") for key, quantity, _ in robot.quantities()}
     ours = {key: value for key, _, value in robot.quantities()}
@@ -37,15 +37,15 @@ def _comparisons(name: str, who: str, robot: Robot) -> Iterator[Comparison]:
     for place, printed in zip(("Table 2", "Table 3", "Table 4"), INPUTS[name], strict=True):
         for key, value in printed.items():
             off = robot.sources.get(key, "") if abs(ours[key] / value - 1) > _ROUNDING else ""
-            yield Comparison(f"{who}: {key}", units[key], place, value, ours[key], _ROUNDING, TAKEN, off)
+            yield PaperComparison(f"{who}: {key}", units[key], place, value, ours[key], _ROUNDING, TAKEN, off)
     mass = ours["front.m*"] + ours["back.m*"]
-    yield Comparison(f"{who}: mass", "kg", "section 1", MASS[name], mass, _ABOUT, PREDICTED, "Table 2's masses")
+    yield PaperComparison(f"{who}: mass", "kg", "section 1", MASS[name], mass, _ABOUT, PREDICTED, "Table 2's masses")
     length, assumed = overall_length(robot), "inferred geometry"
-    yield Comparison(f"{who}: length", "m", "section 1", LENGTH[name], length, _ABOUT, PREDICTED, assumed)
+    yield PaperComparison(f"{who}: length", "m", "section 1", LENGTH[name], length, _ABOUT, PREDICTED, assumed)
     if name == "agriq":
         ratio = robot.drive.front.tau / robot.drive.back.tau
         what, place = (
             "Agri.q: least κ, at which motors of equal torque are used up together",
             "section 6, text after eq. 30",
         )
-        yield Comparison(what, "", place, KAPPA_MIN, 1 / (1 + ratio), _ROUNDING, PREDICTED, "Table 3's gears")
+        yield PaperComparison(what, "", place, KAPPA_MIN, 1 / (1 + ratio), _ROUNDING, PREDICTED, "Table 3's gears")

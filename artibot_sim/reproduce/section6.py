@@ -18,11 +18,11 @@ from artibot_sim.reproduce.paper import MEASURED, NAMES, ODOMETRIC, PLANNED, SIM
 from artibot_sim.reproduce.result import (
     CALIBRATED,
     PREDICTED,
-    Comparison,
+    PaperComparison,
     Section,
     Sheet,
     Statement,
-    Table,
+    TextTable,
     comparison_table,
     count,
     percent,
@@ -31,7 +31,7 @@ from artibot_sim.reproduce.result import (
 from artibot_sim.reproduce.simulations import (
     ENTRY,
     CircleRun,
-    Line,
+    TorqueSpeedLine,
     circle_error,
     ideal_circle,
     line_limited,
@@ -430,9 +430,9 @@ def written(study: Study) -> Section:
 _ASSUMED = f"κ = 1; wheels go over to the circle's speeds within {ENTRY:g} s; their speed from Table 5's odometric e_γ"
 
 
-def _radii(study: Study) -> list[Comparison]:
+def _radii(study: Study) -> list[PaperComparison]:
     return [
-        Comparison(
+        PaperComparison(
             f"{NAMES[test]}: radius, driven by rotations", "m", "section 6, text after Table 5",
             TESTS[test].radius[SIMULATED], run.radius, allowed("radius"), CALIBRATED, _ASSUMED,
         )
@@ -440,7 +440,7 @@ def _radii(study: Study) -> list[Comparison]:
     ]  # fmt: skip
 
 
-def _errors(study: Study) -> list[Comparison]:
+def _errors(study: Study) -> list[PaperComparison]:
     out = []
     for test, run in study.smooth.items():
         found = run.errors(study.angle[test])
@@ -449,12 +449,14 @@ def _errors(study: Study) -> list[Comparison]:
             printed = getattr(TESTS[test], key)[SIMULATED]
             what = f"{NAMES[test]}: {name}, driven by rotations"
             out.append(
-                Comparison(what, "%", "Table 5, simulation", printed, 100 * ours, allowed(key), CALIBRATED, assumes)
+                PaperComparison(
+                    what, "%", "Table 5, simulation", printed, 100 * ours, allowed(key), CALIBRATED, assumes
+                )
             )
     return out
 
 
-def _odometric_circles(study: Study) -> list[Comparison]:
+def _odometric_circles(study: Study) -> list[PaperComparison]:
     """Table 5's odometric e_x: of a perfect circle of the printed odometric radius and e_gamma."""
     out = []
     for test, run in study.smooth.items():
@@ -463,11 +465,13 @@ def _odometric_circles(study: Study) -> list[Comparison]:
         assumes = f"the printed odometric radius and e_γ; a circle of {math.degrees(study.angle[test]):.0f}°"
         printed = TESTS[test].e_x[ODOMETRIC]
         what = f"{NAMES[test]}: e_x of the odometric circle"
-        out.append(Comparison(what, "%", "Table 5, odometric", printed, 100 * ours, allowed("e_x"), PREDICTED, assumes))
+        out.append(
+            PaperComparison(what, "%", "Table 5, odometric", printed, 100 * ours, allowed("e_x"), PREDICTED, assumes)
+        )
     return out
 
 
-def _driven_radii(study: Study) -> list[Comparison]:
+def _driven_radii(study: Study) -> list[PaperComparison]:
     driven, place = study.best, "section 6, text after Table 5"
     assumes = f"one torque limit of {driven.limit:.3f} N·m and κ = {driven.kappa:g}, fitted on Test 1"
     one, two = driven.test1, driven.test2
@@ -478,7 +482,7 @@ def _driven_radii(study: Study) -> list[Comparison]:
         ("Test 2: radius, driven motors", MEASURED, "test2", two.radius, PREDICTED),
     ]
     return [
-        Comparison(what, "m", place, TESTS[test].radius[kind], ours, allowed("radius"), basis, assumes)
+        PaperComparison(what, "m", place, TESTS[test].radius[kind], ours, allowed("radius"), basis, assumes)
         for what, kind, test, ours, basis in rows
     ]
 
@@ -487,7 +491,7 @@ def _m(value: float) -> str:
     return f"{value:.2f}"
 
 
-def _radius_table(study: Study) -> Table:
+def _radius_table(study: Study) -> TextTable:
     columns = (
         "", "planned", "odometric", "measured", "paper's model", "artibot, rotations",
         "artibot, rotations that jump", f"artibot, driven ≤ {study.best.limit:.3f} N·m", "its odometric",
@@ -502,10 +506,10 @@ def _radius_table(study: Study) -> Table:
                 _m(driven.odometric_radius),
             )
         )  # fmt: skip
-    return Table("Mean radii of the circles (m)", columns, tuple(rows))
+    return TextTable("Mean radii of the circles (m)", columns, tuple(rows))
 
 
-def _error_table(study: Study) -> Table:
+def _error_table(study: Study) -> TextTable:
     columns = (
         "", "measured", "paper's model", "artibot, rotations", "paper, odometric", "artibot, odometric", "driven",
     )  # fmt: skip
@@ -525,7 +529,7 @@ def _error_table(study: Study) -> Table:
                 100 * forced[i],
             )
             rows.append((f"{NAMES[test]}: {name}", *(f"{value:.2f}".replace("-", "−") for value in numbers)))
-    return Table("Table 5: yaw and position errors", columns, tuple(rows))
+    return TextTable("Table 5: yaw and position errors", columns, tuple(rows))
 
 
 def _odometric_errors(run: CircleRun, angle: float) -> tuple[float, float]:
@@ -536,7 +540,7 @@ def _odometric_errors(run: CircleRun, angle: float) -> tuple[float, float]:
     return e_gamma, position_error(pose[last, :2], run.planned.pose[last, :2], float(run.planned.arc[last]))
 
 
-def _driven_table(study: Study) -> Table:
+def _driven_table(study: Study) -> TextTable:
     columns = (
         "κ", "limit fitted on Test 1 (N·m)", "Test 1: R_o (m)", "R (m)", "outer motor (N·m)",
         "Test 2: R_o (m)", "R (m)", "outer motor (N·m)",
@@ -553,10 +557,10 @@ def _driven_table(study: Study) -> Table:
         f"Wanted: R_o {paper[0][ODOMETRIC]} and {paper[1][ODOMETRIC]} m, R {paper[0][MEASURED]} and "
         f"{paper[1][MEASURED]} m measured. Only R_o of Test 1 was fitted."
     )
-    return Table("Driven motors with one torque limit", columns, rows, note)
+    return TextTable("Driven motors with one torque limit", columns, rows, note)
 
 
-def in_short(comparisons: Sequence[Comparison], study: Study) -> tuple[str, ...]:
+def in_short(comparisons: Sequence[PaperComparison], study: Study) -> tuple[str, ...]:
     """Driven by rotations, and by motors with one torque limit."""
     radii = [c for c in comparisons if c.what.endswith("radius, driven by rotations")]
     listed = ", ".join(f"{c.what.split(':')[0]} {c.ours:.2f} m for {c.paper:.2f} m" for c in radii)
@@ -625,7 +629,7 @@ class Study:
     angle : dict of test to float
         Where errors are compared, rad of the planned circle.
     gap : dict of test to Gap
-    steady_line : Line
+    steady_line : TorqueSpeedLine
         The torque-speed line through the steady circles of `smooth`.
     lines : tuple of dict of test to float
         Odometric radii of motors within that line, then within others (`tried_lines`).
@@ -637,7 +641,7 @@ class Study:
     driven: tuple[Driven, ...]
     angle: dict[str, float]
     gap: dict[str, Gap]
-    steady_line: Line
+    steady_line: TorqueSpeedLine
     lines: tuple[dict[str, float], ...]
 
     @property
@@ -671,20 +675,20 @@ def study(robot: Robot, quick: bool = False, progress: Callable[[float], None] |
     return Study(robot, smooth, jump, tuple(driven), angle, gap, line, tuple(tried))
 
 
-def steady_line(smooth: dict[str, CircleRun]) -> Line:
+def steady_line(smooth: dict[str, CircleRun]) -> TorqueSpeedLine:
     """The torque-speed line on which the outer motor runs in both tests at the paper's odometric radii."""
     one, two = (
         (float(run.result.motor_velocity[run.steady, 0].mean()), float(run.torque[0])) for run in smooth.values()
     )
-    return Line.through(one, two)
+    return TorqueSpeedLine.through(one, two)
 
 
-def tried_lines(first: CircleRun, limit: float, quick: bool) -> list[Line]:
+def tried_lines(first: CircleRun, limit: float, quick: bool) -> list[TorqueSpeedLine]:
     """Lines with about the fitted `limit` (N m) at the outer motor's speed of Test 1, flat to steep."""
     speed = float(first.result.motor_velocity[first.steady, 0].mean())
     shares = (1.0, 1.4) if quick else (0.9, 1.0, 1.1, 1.4, 1.8)
     return [
-        Line(share * limit / (1 - speed / free), free)
+        TorqueSpeedLine(share * limit / (1 - speed / free), free)
         for share in shares
         for free in ((450.0,) if quick else (300.0, 450.0, 900.0))
     ]

@@ -17,11 +17,11 @@ from artibot_sim.reproduce.calibration import CALIBRATIONS, PROBLEMS, Calibratio
 from artibot_sim.reproduce.paper import KAPPAS, LENGTH, ROBOTS, TABLE_7
 from artibot_sim.reproduce.result import (
     CALIBRATED,
-    Comparison,
+    PaperComparison,
     Section,
     Sheet,
     Statement,
-    Table,
+    TextTable,
     comparison_table,
     count,
     percent,
@@ -100,7 +100,7 @@ def misfit(errors: Array) -> float:
     return float(np.sqrt(((100 * errors[:, :2] - printed) ** 2).mean()))
 
 
-def table(found: Mapping[str, Array]) -> Table:
+def table(found: Mapping[str, Array]) -> TextTable:
     """All suspects with their errors."""
     columns = ("changed", *(f"{name}, κ = {k:g}" for name in ("e_γ", "e_x") for k in KAPPAS), "off Table 7 (rms)")
     rows = tuple(
@@ -113,7 +113,7 @@ def table(found: Mapping[str, Array]) -> Table:
         *(percent(s * v / 100) for s, v in zip([-1] * 3 + [1] * 3, printed, strict=True)),
         "",
     )
-    return Table("Epi.q, shipped geometry: one thing changed at a time", columns, (paper, *rows))
+    return TextTable("Epi.q, shipped geometry: one thing changed at a time", columns, (paper, *rows))
 
 
 def suspect_statements(found: Mapping[str, Array]) -> tuple[Statement, ...]:
@@ -406,7 +406,7 @@ def written(study: Study) -> Section:
                    in_short(comparisons, study))  # fmt: skip
 
 
-def _comparisons(study: Study) -> list[Comparison]:
+def _comparisons(study: Study) -> list[PaperComparison]:
     out = []
     for (name, geometry), runs in study.runs.items():
         for kappa in KAPPAS:
@@ -415,11 +415,13 @@ def _comparisons(study: Study) -> list[Comparison]:
                 what = f"{ROBOTS[name]} ({geometry}), κ = {kappa:g}: {symbol}"
                 printed = TABLE_7[name][kappa][i] * (-1 if i == 0 else 1)
                 assumes = f"{geometry} geometry" + ("; printed without a sign, taken as negative" if i == 0 else "")
-                out.append(Comparison(what, "%", "Table 7", printed, 100 * ours, allowed(name, i), CALIBRATED, assumes))
+                out.append(
+                    PaperComparison(what, "%", "Table 7", printed, 100 * ours, allowed(name, i), CALIBRATED, assumes)
+                )
     return out
 
 
-def _parts_table(study: Study) -> Table:
+def _parts_table(study: Study) -> TextTable:
     columns = ("", "κ", "e_γ", "steady turning adds", "entries and reversal add", "steady yaw rate", "Table 7")
     rows = []
     for (name, geometry), runs in study.runs.items():
@@ -436,10 +438,10 @@ def _parts_table(study: Study) -> Table:
         "e_γ of eq. 31 sums two effects: what the turns' steady yaw rate adds, and what the joint's swing adds at each "
         "jump of the curvature. Negative is less yaw than planned."
     )
-    return Table("Where e_γ comes from", columns, tuple(rows), note)
+    return TextTable("Where e_γ comes from", columns, tuple(rows), note)
 
 
-def _geometry_table(study: Study) -> Table:
+def _geometry_table(study: Study) -> TextTable:
     columns = ("", "unknown", "shipped", "best fit", "fits within half a point", "misfit", "overall length", "stated")
     rows = []
     for name, found in study.calibrations.items():
@@ -455,7 +457,7 @@ def _geometry_table(study: Study) -> Table:
                 )
             )  # fmt: skip
     note = "Overall length: l_f + l_b + i_x + 2 r_w, shipped and best fit; stated in section 1."
-    return Table("The inferred geometry", columns, tuple(rows), note)
+    return TextTable("The inferred geometry", columns, tuple(rows), note)
 
 
 def _fig10(study: Study, geometry: str) -> Sheet:
@@ -548,10 +550,10 @@ def _branch_sheet(study: Study) -> Sheet:
     return Sheet("branches", "Two branches: front wheels that hold, or stay saturated", caption, (row,))
 
 
-def in_short(comparisons: Sequence[Comparison], study: Study) -> tuple[str, ...]:
+def in_short(comparisons: Sequence[PaperComparison], study: Study) -> tuple[str, ...]:
     """Agri.q, Epi.q with the shipped geometry and why, Epi.q with the best fit."""
 
-    def of(who: str, symbol: str = "") -> list[Comparison]:
+    def of(who: str, symbol: str = "") -> list[PaperComparison]:
         return [c for c in comparisons if c.what.startswith(who) and c.what.endswith(symbol)]
 
     agriq, best = of("Agri.q (shipped)"), of("Epi.q (best fit)")

@@ -14,8 +14,8 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.metrics import position_error, radius, yaw_error
 from artibot_sim.model import WHEELS, Commands, Mode, Robot, Rollout, Status, rollout
 from artibot_sim.model.kernels.layout import MOTOR_COORDINATES
-from artibot_sim.model.simulate.stepper import Stepper, Turn
-from artibot_sim.planning import Arc, FrontKinematics, Manoeuvre, Plan, Sample, load_manoeuvre, plan
+from artibot_sim.model.simulate.stepper import MotorCommand, Stepper
+from artibot_sim.planning import Arc, FrontKinematics, Manoeuvre, Plan, PlanSample, load_manoeuvre, plan
 from artibot_sim.reproduce.paper import ODOMETRIC, PLANNED, TEST_A_MAX, TESTS
 
 # ----------------------------------------------------------------------
@@ -35,7 +35,7 @@ class Run:
     robot : Robot
     kappa : float
     plan : Plan
-    planned : Sample
+    planned : PlanSample
         The plan at the result's times.
     result : Rollout
     """
@@ -43,7 +43,7 @@ class Run:
     robot: Robot
     kappa: float
     plan: Plan
-    planned: Sample
+    planned: PlanSample
     result: Rollout
 
     @property
@@ -150,7 +150,7 @@ class CircleRun:
     kappa : float
     plan : Plan
         What was planned, up to the end of the arc.
-    planned : Sample
+    planned : PlanSample
         The plan at the result's times.
     result : Rollout
     """
@@ -159,7 +159,7 @@ class CircleRun:
     test: str
     kappa: float
     plan: Plan
-    planned: Sample
+    planned: PlanSample
     result: Rollout
 
     @property
@@ -267,18 +267,18 @@ def torque_limited(robot: Robot, test: str, limit: float, kappa: float = 1.0) ->
 
 
 @dataclass(frozen=True)
-class Line:
+class TorqueSpeedLine:
     """A motor's torque-speed line at full supply: its torque at rest (N m), and its speed without load (rad/s)."""
 
     stall: float
     free: float
 
     @staticmethod
-    def through(first: tuple[float, float], second: tuple[float, float]) -> Line:
+    def through(first: tuple[float, float], second: tuple[float, float]) -> TorqueSpeedLine:
         """The line through two points of speed (rad/s) and torque (N m); an infinite speed where it does not fall."""
         fall = (first[1] - second[1]) / (second[0] - first[0])
         stall = first[1] + fall * first[0]
-        return Line(stall, stall / fall if fall > 0 else math.inf)
+        return TorqueSpeedLine(stall, stall / fall if fall > 0 else math.inf)
 
     def limit(self, speed: float) -> float:
         """Largest torque at a speed (rad/s), N m."""
@@ -289,17 +289,17 @@ SLICE = 5
 """Steps of 1 ms for which the limit of a torque-speed line is held."""
 
 
-def line_limited(robot: Robot, test: str, line: Line, kappa: float = 1.0) -> tuple[float, float]:
+def line_limited(robot: Robot, test: str, line: TorqueSpeedLine, kappa: float = 1.0) -> tuple[float, float]:
     """Drive as `torque_limited` does, within a torque-speed line: odometric radius and radius of the circle, m."""
     unlimited = {f"drive.{module}.torque_max": 10.0 for module in ("front", "back")}
     robot = robot.replace({"control.kappa": kappa} | unlimited, source="assumed: limited by a line under test")
     planned, rover, h = planned_circle(test, robot), Stepper(robot, dt=1e-3), SLICE * 1e-3
     t = np.arange(0.0, planned.duration, h)
     velocity = planned.at(np.append(t, planned.duration)).velocity
-    where, speeds, shared = np.empty((len(t), 2)), np.empty((len(t), 2)), Turn(torque=math.nan)
+    where, speeds, shared = np.empty((len(t), 2)), np.empty((len(t), 2)), MotorCommand(torque=math.nan)
     for k in range(len(t)):
         right, left = (
-            Turn((velocity[k, i], velocity[k + 1, i]), limit=line.limit(rover.v[c]))
+            MotorCommand((velocity[k, i], velocity[k + 1, i]), limit=line.limit(rover.v[c]))
             for i, c in enumerate(MOTOR_COORDINATES[:2])
         )
         if rover.advance(SLICE, (right, left, shared, shared)) is not Status.OK:

@@ -23,7 +23,7 @@ from artibot_sim.model.kernels.layout import (
     M_M,
     SAT,
 )
-from artibot_sim.planning import Plan, Sample
+from artibot_sim.planning import Plan, PlanSample
 
 Array = NDArray[np.float64]
 
@@ -64,7 +64,7 @@ class Arc(NamedTuple):
     radius: float
 
 
-def measure(result: Rollout, plan: Plan, planned: Sample, curves: Sequence[Arc]) -> dict[str, float]:
+def measure(result: Rollout, plan: Plan, planned: PlanSample, curves: Sequence[Arc]) -> dict[str, float]:
     """All measures of a run that reached its end; those it has not are absent.
 
     Parameters
@@ -72,7 +72,7 @@ def measure(result: Rollout, plan: Plan, planned: Sample, curves: Sequence[Arc])
     result : Rollout
     plan : Plan
         Of the manoeuvre.
-    planned : Sample
+    planned : PlanSample
         The plan at the result's times.
     curves : sequence of Arc
         The plan's arcs.

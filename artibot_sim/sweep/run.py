@@ -16,7 +16,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Robot, Rollout, Status, rollout
 from artibot_sim.model.simulate.batch import rollout_batch
 from artibot_sim.model.simulate.commands import as_executed
-from artibot_sim.planning import FrontKinematics, Plan, Sample, manoeuvre_from_dict, plan
+from artibot_sim.planning import FrontKinematics, Plan, PlanSample, manoeuvre_from_dict, plan
 from artibot_sim.sweep.axes import Base, Document, Value, manoeuvre_document, robot_with
 from artibot_sim.sweep.folder import Folder, chunk_size, table_bytes
 from artibot_sim.sweep.measures import Arc, arcs, measure, status_of
@@ -171,7 +171,7 @@ def _refuse(runs: Sequence[_Run], options: Mapping[str, Any]) -> None:
             run.commands, run.message = None, str(error)
 
 
-def _sampled(plan: Plan, times: bytes) -> Sample:
+def _sampled(plan: Plan, times: bytes) -> PlanSample:
     """The plan at a run's times, which most runs share."""
     import numpy as np
 

@@ -53,7 +53,7 @@ class Cells:
 
 
 @dataclass(frozen=True, eq=False)
-class HeatMap:
+class MeanMap:
     """Means of measures over two parameters, whatever the others are: `mean[name]` is (y, x), NaN where no run is."""
 
     x: Cells
@@ -77,7 +77,7 @@ class Summary:
         Of every measure, over runs that ended well; the median is that of the sample.
     sample : mapping of str to array
         Columns of some runs that ended well.
-    maps : tuple of HeatMap
+    maps : tuple of MeanMap
     """
 
     manifest: Mapping[str, Any]
@@ -85,7 +85,7 @@ class Summary:
     messages: tuple[tuple[str, int], ...]
     spread: Mapping[str, tuple[float, float, float]]
     sample: Mapping[str, NDArray[Any]]
-    maps: tuple[HeatMap, ...]
+    maps: tuple[MeanMap, ...]
 
     @property
     def parameters(self) -> list[str]:
@@ -173,7 +173,7 @@ def cells_of(key: str, values: NDArray[Any], is_text: bool) -> Cells:
 
 def _maps(
     table: Path, manifest: Mapping[str, Any], measures: Sequence[str], sample: Mapping[str, NDArray[Any]]
-) -> tuple[HeatMap, ...]:
+) -> tuple[MeanMap, ...]:
     """Means over every pair of parameters that vary, exactly, in one pass."""
     cells = {
         key: cells_of(key, sample[key], key in manifest["text"])
@@ -197,5 +197,5 @@ def _maps(
     for (a, b), total in sums.items():
         count = counts[(a, b)]
         mean = np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
-        found.append(HeatMap(cells[a], cells[b], {name: mean[i].T for i, name in enumerate(measures)}))
+        found.append(MeanMap(cells[a], cells[b], {name: mean[i].T for i, name in enumerate(measures)}))
     return tuple(found)

@@ -83,7 +83,7 @@ def legend(film: Film) -> str:
     return "\n\n".join(said)
 
 
-class Player:
+class FilmPlayer:
     """A film with its controls.
 
     Parameters

@@ -12,7 +12,7 @@ from bag_helpers import FOREIGN
 from click.testing import CliRunner
 
 from artibot_sim.bench import real
-from artibot_sim.bench.real import Ground, Part
+from artibot_sim.bench.real import RecordingPart, RobotOnGround
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.kinematic import FREE, Kinematic, driven_windows, fit_kinematic, kinematic_models
 from artibot_sim.experiment import Experiment, read_bag, write_channels, write_experiment
@@ -63,8 +63,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def parts(folder: Path, *names: str) -> list[Part]:
-    return real.parts_of(Ground("made", "husky_driven", names), folder, ROBOT)
+def parts(folder: Path, *names: str) -> list[RecordingPart]:
+    return real.parts_of(RobotOnGround("made", "husky_driven", names), folder, ROBOT)
 
 
 def test_each_kinematic_model_finds_on_one_recording_what_predicts_another(folder: Path) -> None:
@@ -115,7 +115,7 @@ def test_halves_share_no_time_and_lose_none(folder: Path) -> None:
 
 
 def test_scores_compare_models_on_the_same_windows(folder: Path) -> None:
-    ground = Ground("made", "husky_driven", ("one", "two"))
+    ground = RobotOnGround("made", "husky_driven", ("one", "two"))
     scores = {s.model: s for s in real.judge(ground, folder, ("ideal", "ICR", "ICR with timing"))}
     assert len({score.windows for score in scores.values()}) == 1
     for score in scores.values():
@@ -159,7 +159,7 @@ def test_the_models_own_simulation_is_predicted_from_nothing_but_wheel_speeds(
     experiment, _ = driven
     windows, leaps = real.windows_of(experiment, ROBOT.wheel.r_w)
     rolling = fit_kinematic(windows, ROBOT, FREE["ICR"])
-    own = real.errors_of(real.predict_artibot(ROBOT, 0.0, Part((experiment,), windows), rolling), windows)
+    own = real.errors_of(real.predict_artibot(ROBOT, 0.0, RecordingPart((experiment,), windows), rolling), windows)
     simple = real.errors_of(rolling(windows), windows)
     assert leaps == 0
     assert np.median(own["position"]) < 0.5 * np.median(simple["position"])
@@ -180,8 +180,8 @@ def test_where_poses_are_late_the_model_starts_as_much_earlier(
         return np.column_stack([np.interp(t - delay, run.t, column) for column in pose.T])
 
     late = replace(windows, start=measured(windows.t), end=measured(windows.t + windows.length))
-    on_time = real.errors_of(real.predict_artibot(ROBOT, 0.0, Part((experiment,), windows), rolling), windows)
-    part = Part((experiment,), late)
+    on_time = real.errors_of(real.predict_artibot(ROBOT, 0.0, RecordingPart((experiment,), windows), rolling), windows)
+    part = RecordingPart((experiment,), late)
     own, unaware = (real.errors_of(real.predict_artibot(ROBOT, d, part, rolling), late) for d in (delay, 0.0))
     assert np.median(own["position"]) < 1e-3 + np.median(on_time["position"])
     assert np.median(own["position"]) < 0.1 * np.median(unaware["position"])

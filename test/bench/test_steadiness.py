@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from artibot_sim.bench.steadiness import Spread, VariantOutcome, generated, main, scaled, thinned, variants
+from artibot_sim.bench.steadiness import OutcomeSpread, VariantOutcome, generated, main, scaled, thinned, variants
 from artibot_sim.model import load_robot
 
 
@@ -35,10 +35,10 @@ def test_what_is_wanted_is_asked_of_evidence_values_and_lengths(
 ) -> None:
     first = VariantOutcome("as it is", "named", ("slope",), 100.0, {"slope.grade": (5.0, 1.0)}, 1.0)
     other = VariantOutcome("seed 1", "named", ("slope",), nats, {"slope.grade": (value, length)}, 1.0)
-    assert Spread.of([first, other]).steady(100.0) is steady
-    assert Spread.of([first, other]).nats == pytest.approx(nats - 100.0)
+    assert OutcomeSpread.of([first, other]).steady(100.0) is steady
+    assert OutcomeSpread.of([first, other]).nats == pytest.approx(nats - 100.0)
     none = VariantOutcome("seed 2", "none", (), float("nan"), {}, 1.0)
-    assert Spread.of([first, none]).alike == 0.5 and not Spread.of([first, none]).steady(100.0)
+    assert OutcomeSpread.of([first, none]).alike == 0.5 and not OutcomeSpread.of([first, none]).steady(100.0)
 
 
 def test_absent_examples_are_said() -> None:

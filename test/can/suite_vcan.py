@@ -12,7 +12,7 @@ from bus_contract import BusAddress, BusContract, random_frame, received, wait_f
 from drive_bench import running_drives
 
 from artibot_driver.bus import Bus, BusState, open_bus
-from artibot_driver.cia402 import State, state_of
+from artibot_driver.cia402 import DriveState, state_of
 from artibot_driver.config import config_from_parameters
 from artibot_driver.frames import Emcy, Frame, NmtCommand, NmtState, heartbeat, nmt
 from artibot_driver.pdo import Pdo
@@ -81,7 +81,7 @@ def test_what_cansend_sends_is_decoded(address: BusAddress) -> None:
         messages = [bus.receive(5.0) for _ in range(4)]
     pdo, emcy, cut, foreign = [CODEC.decode_message(message) for message in messages if message is not None]
     assert isinstance(pdo, Pdo)
-    assert (state_of(pdo.value("statusword")), pdo.values[1:]) == (State.OPERATION_ENABLED, (1000, -12))
+    assert (state_of(pdo.value("statusword")), pdo.values[1:]) == (DriveState.OPERATION_ENABLED, (1000, -12))
     assert isinstance(emcy, Emcy)
     assert emcy.text.startswith("8130h heartbeat")
     assert cut.reason.startswith("TPDO1 of 1 bytes")  # type: ignore[union-attr]
@@ -210,7 +210,7 @@ def test_candump_and_cansend_talk_to_a_simulated_drive(address: BusAddress) -> N
     ):
         wait_until_listened("vcan0", 2)
         with running_drives(bus, rig) as drives:
-            assert wait_for(lambda: drives["back_left"].state is State.SWITCH_ON_DISABLED)
+            assert wait_for(lambda: drives["back_left"].state is DriveState.SWITCH_ON_DISABLED)
             for word in (
                 "604#4041600000000000",  # read 6041h
                 "604#2F6060000A000000",  # 6060h: cyclic synchronous torque
@@ -221,7 +221,7 @@ def test_candump_and_cansend_talk_to_a_simulated_drive(address: BusAddress) -> N
                 "080#",
             ):
                 subprocess.run(["cansend", "vcan0", word], check=True)
-            assert wait_for(lambda: drives["back_left"].state is State.OPERATION_ENABLED)
+            assert wait_for(lambda: drives["back_left"].state is DriveState.OPERATION_ENABLED)
             time.sleep(0.02)
             subprocess.run(["cansend", "vcan0", "080#"], check=True)
             time.sleep(0.1)

@@ -34,10 +34,10 @@ def try_only(monkeypatch: pytest.MonkeyPatch, *effects: str) -> None:
 
 def remember_stages(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have `stepwise` make a stage's search once for the same problem, fit and named effects."""
-    searched: dict[tuple[object, ...], tuple[stepwise.Stage, Problem, Fit]] = {}
+    searched: dict[tuple[object, ...], tuple[stepwise.SearchStage, Problem, Fit]] = {}
     stage = stepwise.stage
 
-    def remembered(problem: Problem, fit: Fit, loss: Loss, named: Sequence[str], *rest: Any) -> stepwise.Stage:
+    def remembered(problem: Problem, fit: Fit, loss: Loss, named: Sequence[str], *rest: Any) -> stepwise.SearchStage:
         key = id(problem), id(fit), tuple(named)
         if key not in searched:  # problem and fit are kept, so that their numbers are not given to others
             searched[key] = stage(problem, fit, loss, named, *rest), problem, fit

@@ -9,7 +9,7 @@ import pytest
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
 from artibot_sim.diagnose.intervals import Uncertain, combined, uncertain
-from artibot_sim.diagnose.records import Estimate
+from artibot_sim.diagnose.records import EffectEstimate
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.estimation.encoder_noise import NoiseShare, noise_share
 from artibot_sim.estimation.loss import Loss
@@ -122,8 +122,8 @@ def scales(sd: float, along: float) -> tuple[ParameterSet, Uncertain]:
     return parameters, Uncertain(mean, sd**2 * np.outer(direction, direction) + 1e-8 * np.eye(6))
 
 
-def from_commands(scale: float, half: float) -> dict[str, dict[str, Estimate]]:
-    return {"torque_scale": {"scale": Estimate(scale, "1", (scale - half, scale + half))}}
+def from_commands(scale: float, half: float) -> dict[str, dict[str, EffectEstimate]]:
+    return {"torque_scale": {"scale": EffectEstimate(scale, "1", (scale - half, scale + half))}}
 
 
 def test_what_commands_say_takes_the_soil_with_it() -> None:

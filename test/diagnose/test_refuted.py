@@ -12,7 +12,7 @@ from artibot_sim.diagnose import Verdict, diagnose
 from artibot_sim.diagnose.commands.view import CommandView, command_view
 from artibot_sim.diagnose.conclusion import Conclusion, HeldOut, concluded
 from artibot_sim.diagnose.pipeline import baseline
-from artibot_sim.diagnose.records import ChannelGain, Estimate, Options, SlowResidual
+from artibot_sim.diagnose.records import ChannelGain, EffectEstimate, Options, SlowResidual
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.validation.predictions import Worth, is_minor, is_refuted
 from artibot_sim.diagnose.verdict import Reason
@@ -81,7 +81,7 @@ def test_a_cause_of_little_of_what_is_wrong_is_not_named(gained, typical, minor)
 
 FITTED = Named("back_friction", 200.0, ())
 DELAY = 0.1
-COMMANDED = Named("command_delay", 900.0, (), {"delay": Estimate(DELAY, "s", (0.09, 0.11))})
+COMMANDED = Named("command_delay", 900.0, (), {"delay": EffectEstimate(DELAY, "s", (0.09, 0.11))})
 Part = tuple[Problem, Fit, CommandView]
 
 

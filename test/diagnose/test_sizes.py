@@ -13,7 +13,7 @@ from diagnose.turns import EVEN
 
 from artibot_sim.diagnose import Verdict, diagnose
 from artibot_sim.diagnose.candidates.hypotheses import hypotheses, with_effect, without_effect
-from artibot_sim.diagnose.sizes import Scale, factors, scale_of, sized
+from artibot_sim.diagnose.sizes import RobotScale, factors, scale_of, sized
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
@@ -24,7 +24,7 @@ AGRIQ, EPIQ, HUSKY = (load_robot(name) for name in ("agriq", "epiq", "husky"))
 
 
 def test_plain_sizes_are_declared_for_agriq() -> None:
-    assert scale_of(AGRIQ) == Scale(1.0, 1.0, 1.0)
+    assert scale_of(AGRIQ) == RobotScale(1.0, 1.0, 1.0)
     for effect, declared in EFFECTS.items():
         if declared.search is not None:
             assert not factors(effect, AGRIQ), effect

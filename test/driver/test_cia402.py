@@ -10,9 +10,9 @@ from artibot_driver.cia402 import (
     TARGETS,
     TRANSITIONS,
     Command,
-    Event,
+    DriveEvent,
+    DriveState,
     OperationMode,
-    State,
     StatusBit,
     command_of,
     controlword_for,
@@ -23,10 +23,10 @@ from artibot_driver.cia402 import (
 )
 
 WORDS = st.integers(0, 0xFFFF)
-STATES = st.sampled_from(State)
+STATES = st.sampled_from(DriveState)
 
 
-def drive(state: State, controlword: int, previous: int, holds: bool = False) -> State:
+def drive(state: DriveState, controlword: int, previous: int, holds: bool = False) -> DriveState:
     """Where a drive ends that works a controlword off as the standard says."""
     command = command_of(controlword, previous)
     while (taken := transition(state, command, holds=holds)) is not None:
@@ -36,13 +36,13 @@ def drive(state: State, controlword: int, previous: int, holds: bool = False) ->
 
 def test_every_statusword_has_at_most_one_state() -> None:
     for word in range(0x10000):
-        matching = [state for state in State if state.value.matches(word)]
+        matching = [state for state in DriveState if state.value.matches(word)]
         assert len(matching) <= 1
         assert state_of(word) is (matching[0] if matching else None)
 
 
 @given(STATES, WORDS)
-def test_the_other_bits_do_not_touch_the_state(state: State, bits: int) -> None:
+def test_the_other_bits_do_not_touch_the_state(state: DriveState, bits: int) -> None:
     word = statusword(state, bits)
     assert state_of(word) is state
     assert word & StatusBit.REMOTE == bits & StatusBit.REMOTE
@@ -82,12 +82,12 @@ def test_a_controlword_gives_at_most_one_command(word: int, previous: int) -> No
 @given(word=WORDS, previous=WORDS)
 def test_only_an_edge_of_fault_reset_leads_out_of_fault(holds: bool, word: int, previous: int) -> None:
     edge = bool(word & 0x80) and not previous & 0x80
-    end = drive(State.FAULT, word, previous, holds)
-    assert end is (State.SWITCH_ON_DISABLED if edge else State.FAULT)
+    end = drive(DriveState.FAULT, word, previous, holds)
+    assert end is (DriveState.SWITCH_ON_DISABLED if edge else DriveState.FAULT)
 
 
-@given(st.sampled_from([State.NOT_READY_TO_SWITCH_ON, State.FAULT_REACTION_ACTIVE]), WORDS, WORDS)
-def test_no_controlword_moves_a_drive_that_is_busy_with_itself(state: State, word: int, previous: int) -> None:
+@given(st.sampled_from([DriveState.NOT_READY_TO_SWITCH_ON, DriveState.FAULT_REACTION_ACTIVE]), WORDS, WORDS)
+def test_no_controlword_moves_a_drive_that_is_busy_with_itself(state: DriveState, word: int, previous: int) -> None:
     assert drive(state, word, previous) is state
 
 
@@ -95,51 +95,55 @@ def test_no_controlword_moves_a_drive_that_is_busy_with_itself(state: State, wor
 @given(word=WORDS, previous=WORDS)
 def test_disable_voltage_and_quick_stop_always_lead_away_from_enabled(holds: bool, word: int, previous: int) -> None:
     if not word & 0x80 and (not word & 0x02 or not word & 0x04):
-        end = drive(State.OPERATION_ENABLED, word, previous, holds)
-        assert end is (State.QUICK_STOP_ACTIVE if word & 0x02 else State.SWITCH_ON_DISABLED)
+        end = drive(DriveState.OPERATION_ENABLED, word, previous, holds)
+        assert end is (DriveState.QUICK_STOP_ACTIVE if word & 0x02 else DriveState.SWITCH_ON_DISABLED)
     if not word & 0x82:
-        for state in set(State) - {State.FAULT, State.FAULT_REACTION_ACTIVE, State.NOT_READY_TO_SWITCH_ON}:
-            assert drive(state, word, previous, holds) is State.SWITCH_ON_DISABLED
+        for state in set(DriveState) - {
+            DriveState.FAULT,
+            DriveState.FAULT_REACTION_ACTIVE,
+            DriveState.NOT_READY_TO_SWITCH_ON,
+        }:
+            assert drive(state, word, previous, holds) is DriveState.SWITCH_ON_DISABLED
 
 
 @given(STATES, WORDS, WORDS)
-def test_power_comes_only_by_enable_operation(state: State, word: int, previous: int) -> None:
+def test_power_comes_only_by_enable_operation(state: DriveState, word: int, previous: int) -> None:
     end = drive(state, word, previous)
-    if end is State.OPERATION_ENABLED and state is not State.OPERATION_ENABLED:
+    if end is DriveState.OPERATION_ENABLED and state is not DriveState.OPERATION_ENABLED:
         assert word & 0x8F == 0x0F
-        assert state in (State.READY_TO_SWITCH_ON, State.SWITCHED_ON)
+        assert state in (DriveState.READY_TO_SWITCH_ON, DriveState.SWITCHED_ON)
 
 
 @given(STATES)
-def test_a_fault_is_noticed_in_every_state_and_no_event_enables(state: State) -> None:
-    faulted = (State.FAULT, State.FAULT_REACTION_ACTIVE)
-    assert (transition(state, Event.FAULT) is None) is (state in faulted)
-    for event in Event:
+def test_a_fault_is_noticed_in_every_state_and_no_event_enables(state: DriveState) -> None:
+    faulted = (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
+    assert (transition(state, DriveEvent.FAULT) is None) is (state in faulted)
+    for event in DriveEvent:
         taken = transition(state, event)
-        assert taken is None or taken.end is not State.OPERATION_ENABLED
-        if event is Event.FAULT and taken is not None:
-            assert taken.end is State.FAULT_REACTION_ACTIVE
+        assert taken is None or taken.end is not DriveState.OPERATION_ENABLED
+        if event is DriveEvent.FAULT and taken is not None:
+            assert taken.end is DriveState.FAULT_REACTION_ACTIVE
 
 
 def test_a_held_quick_stop_stays_and_only_then_can_be_enabled_again() -> None:
-    stopped = State.QUICK_STOP_ACTIVE
-    assert transition(stopped, Event.QUICK_STOP_DONE, holds=True) is None
-    assert drive(stopped, 0x0F, 0x02, holds=True) is State.OPERATION_ENABLED
+    stopped = DriveState.QUICK_STOP_ACTIVE
+    assert transition(stopped, DriveEvent.QUICK_STOP_DONE, holds=True) is None
+    assert drive(stopped, 0x0F, 0x02, holds=True) is DriveState.OPERATION_ENABLED
     assert drive(stopped, 0x0F, 0x02, holds=False) is stopped
-    done = transition(stopped, Event.QUICK_STOP_DONE)
+    done = transition(stopped, DriveEvent.QUICK_STOP_DONE)
     assert done is not None
     assert done.number == 12
 
 
-def settle(state: State) -> State:
+def settle(state: DriveState) -> DriveState:
     """What a drive does by itself before the next controlword."""
-    for event in (Event.INITIALISED, Event.FAULT_REACTION_DONE):
+    for event in (DriveEvent.INITIALISED, DriveEvent.FAULT_REACTION_DONE):
         taken = transition(state, event)
         state = taken.end if taken else state
     return state
 
 
-def path(state: State, target: State, previous: int, holds: bool, reset: bool) -> list[State]:
+def path(state: DriveState, target: DriveState, previous: int, holds: bool, reset: bool) -> list[DriveState]:
     """States on the way when a master leads a drive with `controlword_for`."""
     passed = [state]
     for _ in range(12):
@@ -151,30 +155,33 @@ def path(state: State, target: State, previous: int, holds: bool, reset: bool) -
 
 @pytest.mark.parametrize("holds", [False, True])
 @given(state=STATES, previous=WORDS)
-def test_every_state_reaches_operation_enabled_and_stays(holds: bool, state: State, previous: int) -> None:
-    assert path(state, State.OPERATION_ENABLED, previous, holds, reset=True)[-3:] == [State.OPERATION_ENABLED] * 3
+def test_every_state_reaches_operation_enabled_and_stays(holds: bool, state: DriveState, previous: int) -> None:
+    assert (
+        path(state, DriveState.OPERATION_ENABLED, previous, holds, reset=True)[-3:]
+        == [DriveState.OPERATION_ENABLED] * 3
+    )
 
 
 @given(state=STATES, target=st.sampled_from(TARGETS), previous=WORDS, reset=st.booleans())
 def test_every_target_is_reached_without_enabling_on_the_way(
-    state: State, target: State, previous: int, reset: bool
+    state: DriveState, target: DriveState, previous: int, reset: bool
 ) -> None:
     passed = path(state, target, previous, holds=True, reset=reset)
-    faulted = state in (State.FAULT, State.FAULT_REACTION_ACTIVE)
+    faulted = state in (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
     if faulted and not reset:
-        assert passed[-1] is State.FAULT
-    elif target is State.QUICK_STOP_ACTIVE and state not in (State.OPERATION_ENABLED, target):
-        assert passed[-1] is (State.FAULT if faulted else State.SWITCH_ON_DISABLED)
+        assert passed[-1] is DriveState.FAULT
+    elif target is DriveState.QUICK_STOP_ACTIVE and state not in (DriveState.OPERATION_ENABLED, target):
+        assert passed[-1] is (DriveState.FAULT if faulted else DriveState.SWITCH_ON_DISABLED)
     else:
         assert passed[-1] is target
-    if target is not State.OPERATION_ENABLED:
-        assert State.OPERATION_ENABLED not in passed[1:]
+    if target is not DriveState.OPERATION_ENABLED:
+        assert DriveState.OPERATION_ENABLED not in passed[1:]
 
 
-@pytest.mark.parametrize("target", sorted(set(State) - set(TARGETS), key=str))
-def test_what_a_master_cannot_ask_for_is_refused(target: State) -> None:
+@pytest.mark.parametrize("target", sorted(set(DriveState) - set(TARGETS), key=str))
+def test_what_a_master_cannot_ask_for_is_refused(target: DriveState) -> None:
     with pytest.raises(ValueError, match="a master cannot ask for"):
-        next_command(State.SWITCHED_ON, target)
+        next_command(DriveState.SWITCHED_ON, target)
 
 
 def test_the_bits_of_supported_modes_are_the_standard_s() -> None:

@@ -11,7 +11,7 @@ import pytest
 from frame_master import FrameMaster
 
 from artibot_driver.bus import open_bus
-from artibot_driver.cia402 import State
+from artibot_driver.cia402 import DriveState
 from artibot_driver.loopback import loopback_bus
 from artibot_driver.rig import load_rig
 from artibot_sim.cli import main
@@ -48,7 +48,7 @@ def test_a_master_drives_them_and_a_signal_ends_them(start: NodeStarter, channel
     with open_bus("remote", channel) as bus:
         master = FrameMaster(bus, rig)
         master.set_up()
-        master.lead_to(State.OPERATION_ENABLED)
+        master.lead_to(DriveState.OPERATION_ENABLED)
         master.run(1.5, lambda t: dict.fromkeys(("front_right", "front_left"), 60.0 * min(1.0, t)))
         for motor in ("front_right", "front_left"):
             assert master.si(motor, "velocity") == pytest.approx(60.0, rel=0.01)

@@ -14,7 +14,7 @@ from canopen.objectdictionary import ODVariable
 from hypothesis import given
 from hypothesis import strategies as st
 
-from artibot_driver.cia402 import State, statusword
+from artibot_driver.cia402 import DriveState, statusword
 from artibot_driver.config import config_from_parameters
 from artibot_driver.dbc import dbc_text
 from artibot_driver.explain import COLUMNS, KINDS, Explainer, as_csv, as_json, for_reading, matches
@@ -84,7 +84,7 @@ def test_any_frame_has_lines_of_every_form(can_id: int, data: bytes, flags: tupl
 
 
 def test_words_of_bits_are_in_words() -> None:
-    word = statusword(State.FAULT_REACTION_ACTIVE)
+    word = statusword(DriveState.FAULT_REACTION_ACTIVE)
     found = EXPLAINER.explain(seen(RIG.codec.pdo("TPDO1", 9, (word, 0, 0))))
     assert (found.node, found.number, found.values[0].text) == ("back_left", 9, "fault reaction active")
     found = EXPLAINER.explain(seen(RIG.codec.pdo("RPDO1", 1, (0x0F, 0, 0))))

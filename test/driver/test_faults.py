@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from artibot_driver.cia402 import State
+from artibot_driver.cia402 import DriveState
 from artibot_driver.config import config_from_parameters
 from artibot_driver.faults import campaign
 from artibot_driver.faults.catalogue import BRIEFLY, BY_NAME, CAN_PASS, CATALOGUE, TWO, Fault, briefly, two
@@ -23,7 +23,7 @@ from artibot_driver.faults.simulated_bus import Interference, UnreliableBus, mem
 from artibot_driver.faults.trial import BEFORE_END, FaultTrial
 from artibot_driver.faults.watchdog import HELD_UP, Watchdog
 from artibot_driver.frames import Frame
-from artibot_driver.master import Master, Phase, Reason
+from artibot_driver.master import Master, Phase, StopReason
 from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS
 
@@ -90,7 +90,7 @@ class Deaf(Master):
 
     def _trouble(self, now, last, asked):  # type: ignore[no-untyped-def]
         stop = super()._trouble(now, last, asked)
-        return None if stop is not None and stop.reason is Reason.DRIVE_SILENT else stop
+        return None if stop is not None and stop.reason is StopReason.DRIVE_SILENT else stop
 
 
 class Eager(Master):
@@ -113,7 +113,7 @@ class Stubborn(Master):
 
     def _aim(self, link):  # type: ignore[no-untyped-def]
         powered = self._phase.moves and self._released is None
-        return State.OPERATION_ENABLED if powered else State.SWITCH_ON_DISABLED
+        return DriveState.OPERATION_ENABLED if powered else DriveState.SWITCH_ON_DISABLED
 
 
 class Hasty(Master):
@@ -148,7 +148,7 @@ def test_a_stop_that_comes_late_is_watched_to_its_end() -> None:
         before, late = loop.command, loop.now + round(1e9 * (BEFORE_END + ramp + trial.duration - 0.2))
         loop.command = lambda now: before(now) if now < late else None
 
-    fault = Fault("silence, later", inject, lambda loop, motor: None, False, 0.15, (Reason.COMMAND_SILENCE,))
+    fault = Fault("silence, later", inject, lambda loop, motor: None, False, 0.15, (StopReason.COMMAND_SILENCE,))
     w = VirtualLoop(load_rig(config_from_parameters({})), random.Random(5))
     trial = FaultTrial(w, fault, "back_left")
     ramp = trial.speed / w.rig.config.stop_deceleration

@@ -13,7 +13,7 @@ from foreign_drives import Foreign, ForeignDrive, eds_with, foreign_drives
 
 from artibot_driver.cia402 import StatusBit
 from artibot_driver.dictionary import load_dictionary, pdo_maps
-from artibot_driver.master import Phase, Stage
+from artibot_driver.master import Phase, SetupStage
 
 NO_REMOTE = (("DefaultValue=$NODEID+0x180", "DefaultValue=$NODEID+0x40000180"),)
 NO_REMOTE_TURNED = (("DefaultValue=$NODEID+0x180", "DefaultValue=0x40000180 + $NodeID"),)
@@ -129,7 +129,7 @@ def test_a_missing_heartbeat_is_named_and_the_drive_not_set_up_over_and_over(tmp
         assert not run.is_ready(6.0)
         texts = [drive.trouble for drive in run.status.drives]
         assert all("feedback comes, but no heartbeat (identifier 0x70" in text and "40 ms" in text for text in texts)
-        assert [drive.stage for drive in run.status.drives] == [Stage.RUNNING] * 4
+        assert [drive.stage for drive in run.status.drives] == [SetupStage.RUNNING] * 4
         assert run.phases.count(Phase.READY) == 0
         run.master.enable()
         run.run(0.1)

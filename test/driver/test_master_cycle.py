@@ -10,12 +10,12 @@ from dataclasses import replace
 
 import pytest
 
-from artibot_driver.cia402 import Command, State, command_of, statusword
+from artibot_driver.cia402 import Command, DriveState, command_of, statusword
 from artibot_driver.config import config_from_parameters
 from artibot_driver.faults.closed_loop import VirtualLoop
 from artibot_driver.faults.simulated_bus import message_of
 from artibot_driver.frames import Frame, Heartbeat, Sync
-from artibot_driver.master import Master, Phase, Reason, Setpoints, Stage
+from artibot_driver.master import Master, Phase, Setpoints, SetupStage, StopReason
 from artibot_driver.pdo import Pdo
 from artibot_driver.rig import frame_bits, load_rig
 from artibot_sim.model import MOTORS
@@ -117,7 +117,7 @@ def test_a_law_that_fails_stops_the_rover_and_leaves_the_back_motors_without_tor
     law = Law("failing", "Fails.", failing)
     w.command = lambda now: Setpoints((60.0, 60.0), now, kappa=0.7, law=law)
     w.run(0.2)
-    assert w.last.status.stop is not None and w.last.status.stop.reason is Reason.INVALID_COMMAND
+    assert w.last.status.stop is not None and w.last.status.stop.reason is StopReason.INVALID_COMMAND
     assert "ZeroDivisionError: in a law" in w.last.status.stop.text
     driven = [s.cycle.commanded for s in w.trace if s.cycle and not math.isnan(s.cycle.commanded.back_effort[0])]
     assert driven[-1].back_effort == pytest.approx((0.0, 0.0), abs=0.3)
@@ -237,7 +237,7 @@ def test_too_fast_a_command_is_scaled_within_a_percent_and_refused_beyond() -> N
     w.command = lambda now: Setpoints((1.011 * limit, 0.5 * limit), now)
     w.run(0.05)
     assert w.last.status.stop is not None
-    assert w.last.status.stop.reason is Reason.INVALID_COMMAND
+    assert w.last.status.stop.reason is StopReason.INVALID_COMMAND
     assert "max_speed" in w.last.status.stop.text
 
 
@@ -264,7 +264,7 @@ def test_what_cannot_be_followed_stops_and_never_raises(given: Setpoints) -> Non
     w.command = lambda now: replace(given, stamp_ns=now if given.stamp_ns == 0 else given.stamp_ns)
     w.run(0.02)
     assert w.last.status.stop is not None
-    assert w.last.status.stop.reason is Reason.INVALID_COMMAND
+    assert w.last.status.stop.reason is StopReason.INVALID_COMMAND
     assert w.run_until(Phase.READY, 2.0)
     assert w.last.status.counters["setpoints_invalid"] == 1
 
@@ -325,7 +325,7 @@ def test_a_drive_that_has_left_is_not_enabled_again_by_the_stop(
     w.run(2.0)
     assert w.last.status.phase is Phase.READY
     states = [sample.drives.state[MOTORS.index(motor)] for sample in w.trace[begin:]]
-    assert State.OPERATION_ENABLED not in states
+    assert DriveState.OPERATION_ENABLED not in states
 
 
 def test_frames_out_of_order_after_an_enable_take_no_current_away() -> None:
@@ -333,12 +333,12 @@ def test_frames_out_of_order_after_an_enable_take_no_current_away() -> None:
     w = Logged().enabled()
     w.command = lambda now: Setpoints((60.0, 60.0), now)
     w.run(0.1)
-    for state in (State.READY_TO_SWITCH_ON, State.SWITCHED_ON, State.SWITCH_ON_DISABLED):
+    for state in (DriveState.READY_TO_SWITCH_ON, DriveState.SWITCHED_ON, DriveState.SWITCH_ON_DISABLED):
         late = RIG.codec.pdo("TPDO1", 1, (statusword(state), 0, 0))
         w._near.inbox.append(late)
         w.run(0.05)
     assert w.last.status.phase is Phase.ENABLED
-    assert all(sample.drives.state == (State.OPERATION_ENABLED,) * 4 for sample in w.trace[-15:])
+    assert all(sample.drives.state == (DriveState.OPERATION_ENABLED,) * 4 for sample in w.trace[-15:])
 
 
 def test_the_first_reason_is_kept_until_the_next_enable() -> None:
@@ -352,7 +352,7 @@ def test_the_first_reason_is_kept_until_the_next_enable() -> None:
     w.run(1.0)
     stop = w.last.status.stop
     assert stop is not None
-    assert (stop.reason, stop.motor) == (Reason.DRIVE_FAULT, "back_left")
+    assert (stop.reason, stop.motor) == (StopReason.DRIVE_FAULT, "back_left")
     assert "4310h drive too hot" in stop.text
     w.drive_set.plug("front_left")
     w.master.reset_fault()
@@ -406,7 +406,7 @@ def test_frames_that_the_bus_does_not_take_are_a_reason_to_stop_before_the_drive
     w.unreliable.send = lambda frame: False  # type: ignore[method-assign]
     w.run(0.05)
     stop = w.last.status.stop
-    assert stop is not None and stop.reason is Reason.CANNOT_SEND
+    assert stop is not None and stop.reason is StopReason.CANNOT_SEND
     assert w.last.status.phase is Phase.STOPPING
 
 
@@ -465,7 +465,7 @@ def test_a_cycle_that_comes_late_makes_no_leap() -> None:
     w.hung = False
     w.run(0.01)
     assert w.last.status.stop is not None
-    assert w.last.status.stop.reason is Reason.OVERRUN
+    assert w.last.status.stop.reason is StopReason.OVERRUN
     assert w.last.commanded.front_velocity[0] > 0.7 * TURN
 
 
@@ -478,7 +478,7 @@ def test_close_takes_the_current_away_at_once_and_leaves_no_fault() -> None:
     w.run(0.01)
     assert all(asked.is_free for asked in w.trace[-1].drives.asked)
     w.run(0.5)
-    assert {drive.state for drive in w.drive_set.drives.values()} == {State.SWITCH_ON_DISABLED}
+    assert {drive.state for drive in w.drive_set.drives.values()} == {DriveState.SWITCH_ON_DISABLED}
 
 
 def test_a_driver_that_takes_over_enabled_drives_stops_them_and_keeps_them_locked() -> None:
@@ -490,7 +490,7 @@ def test_a_driver_that_takes_over_enabled_drives_stops_them_and_keeps_them_locke
     begin = len(w.trace)
     w.run(1.5)
     assert w.last.status.phase is Phase.LOCKED
-    assert not any(State.OPERATION_ENABLED in sample.drives.state for sample in w.trace[begin + 17 :])
+    assert not any(DriveState.OPERATION_ENABLED in sample.drives.state for sample in w.trace[begin + 17 :])
     speeds = [abs(sample.drives.velocity[0]) for sample in w.trace[begin + 17 :]]
     assert all(b <= a + 1e-6 for a, b in itertools.pairwise(speeds))
     assert speeds[-1] < 0.02 * TURN
@@ -517,7 +517,7 @@ def test_feedback_is_stamped_with_the_sync_that_sampled_it() -> None:
     before = w.now - w.period
     cycle = w.master.cycle(w.now, None)
     assert cycle.feedback.stamp_ns == (before,) * 4
-    assert [drive.stage for drive in cycle.status.drives] == [Stage.RUNNING] * 4
+    assert [drive.stage for drive in cycle.status.drives] == [SetupStage.RUNNING] * 4
 
 
 def test_the_load_is_told_also_after_the_loop_was_held_up() -> None:

@@ -13,7 +13,7 @@ from artibot_driver.config import config_from_parameters
 from artibot_driver.faults.closed_loop import VirtualLoop
 from artibot_driver.faults.simulated_bus import Interference
 from artibot_driver.frames import Frame, NmtState
-from artibot_driver.master import Phase, Reason, Setpoints, Stage
+from artibot_driver.master import Phase, Setpoints, SetupStage, StopReason
 from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS
 from artibot_sim.resources import config_path
@@ -50,7 +50,7 @@ def test_every_setting_arrives_and_nothing_moves() -> None:
             ):
                 assert drive.objects.values[each.index, each.subindex] == each.value, (motor, each)
     assert all(asked.is_free for sample in w.trace for asked in sample.drives.asked)
-    assert [drive.stage for drive in w.last.status.drives] == [Stage.RUNNING] * 4
+    assert [drive.stage for drive in w.last.status.drives] == [SetupStage.RUNNING] * 4
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_another_motor_than_was_configured_is_refused_and_never_moved(
     w.run(2.0)
     status = w.last.status
     assert status.phase is Phase.CONFIGURING
-    assert status.drives[3].stage is Stage.REFUSED
+    assert status.drives[3].stage is SetupStage.REFUSED
     with pytest.raises(ValueError, match=message):
         raise ValueError(status.refusal)
     w.master.enable()
@@ -89,7 +89,7 @@ def test_another_motor_than_was_configured_is_refused_and_never_moved(
         each.value for each in w.rig.settings("back_left") if (each.index, each.subindex) == key
     )
     w.run(1.5)
-    assert w.last.status.drives[3].stage is Stage.REFUSED  # until somebody has looked at it
+    assert w.last.status.drives[3].stage is SetupStage.REFUSED  # until somebody has looked at it
     w.master.reset_fault()
     assert w.run_until(Phase.READY, 2.0)
     assert w.last.status.refusal == ""
@@ -109,7 +109,12 @@ def test_a_missing_drive_is_named_and_found_within_two_seconds() -> None:
     w.drive_set.cut_power("back_right")
     w.run(2.0)
     assert w.last.status.phase is Phase.CONFIGURING
-    assert [each.stage for each in w.last.status.drives] == [Stage.RUNNING, Stage.RUNNING, Stage.SEEKING, Stage.RUNNING]
+    assert [each.stage for each in w.last.status.drives] == [
+        SetupStage.RUNNING,
+        SetupStage.RUNNING,
+        SetupStage.SEEKING,
+        SetupStage.RUNNING,
+    ]
     w.master.enable()
     w.run(0.02)
     assert "drive back_right (node 3): not heard" in w.last.status.notice
@@ -124,7 +129,7 @@ def test_a_node_of_another_profile_is_not_set_up() -> None:
     w.drive_set.power("front_left", w.now)
     w.drive_set.drives["front_left"].objects.values[0x1000, 0] = 0x0003_0191  # an input and output module, CiA 401
     w.run(2.0)
-    assert [each.stage for each in w.last.status.drives].count(Stage.SEEKING) == 1
+    assert [each.stage for each in w.last.status.drives].count(SetupStage.SEEKING) == 1
     assert w.last.status.phase is Phase.CONFIGURING
     assert w.last.status.counters["sdo_unexpected"] > 5
 
@@ -295,7 +300,7 @@ def test_a_drive_that_comes_back_operational_without_its_settings_is_found_out(m
     w.run(1.0)
     status = w.last.status
     assert status.stop is not None
-    assert (status.stop.reason, status.stop.motor) == (Reason.DRIVE_STATE, motor)
+    assert (status.stop.reason, status.stop.motor) == (StopReason.DRIVE_STATE, motor)
     assert w.run_until(Phase.READY, 2.0)
     assert w.last.status.counters["settings_lost"] == 1
     assert not lost_settings(w)
@@ -314,7 +319,7 @@ def test_a_drive_that_does_not_keep_what_is_written_is_refused() -> None:
     for _ in range(400):
         w.drive_set.drives["back_right"].objects.values[0x6085, 0] = 1
         w.run(0.01)
-    assert w.last.status.drives[2].stage is Stage.REFUSED
+    assert w.last.status.drives[2].stage is SetupStage.REFUSED
     assert "motor back_right (node 3): object 6085h" in w.last.status.refusal
     assert "found 1, expected" in w.last.status.refusal
     assert "the drive has not taken it" in w.last.status.refusal

@@ -21,7 +21,7 @@ from artibot_driver.frames import (
     NmtState,
     Sdo,
     Sync,
-    Unknown,
+    UnknownFrame,
     error_text,
     heartbeat,
     nmt,
@@ -178,22 +178,22 @@ def test_any_message_of_python_can_is_decoded(
     )  # fmt: skip
     found = CODEC.decode_message(message)
     if extended or remote or error:
-        assert isinstance(found, Unknown)
+        assert isinstance(found, UnknownFrame)
         assert ("error" if error else "extended" if extended else "remote") in found.reason
     else:
         assert found == CODEC.decode(can_id, data)
-        assert isinstance(found, Unknown) is not CODEC.knows(can_id)
+        assert isinstance(found, UnknownFrame) is not CODEC.knows(can_id)
 
 
 def test_a_pdo_of_a_node_that_is_not_ours_is_unknown() -> None:
-    assert CODEC.decode(0x185, bytes(8)) == Unknown("identifier 0x185 is none of ours")
+    assert CODEC.decode(0x185, bytes(8)) == UnknownFrame("identifier 0x185 is none of ours")
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_random_frames_never_raise_and_lead_a_drive_only_along_the_table(seed: int) -> None:
     kinds, changes = fuzz.run(100_000, seed)
     assert sum(kinds.values()) == 100_000
-    assert {"Unknown", "Malformed", "Pdo", "Sdo", "Emcy", "Sync"} <= set(kinds)
+    assert {"UnknownFrame", "Malformed", "Pdo", "Sdo", "Emcy", "Sync"} <= set(kinds)
     assert {"0", "1", "2", "4", "13"} <= set(changes)  # it does get enabled, faulted and reset
     assert (kinds, changes) == fuzz.run(100_000, seed)  # a seed is a reproduction
 

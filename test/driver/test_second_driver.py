@@ -12,12 +12,12 @@ import can
 import pytest
 
 from artibot_driver.bus import BusState, Health
-from artibot_driver.cia402 import State
+from artibot_driver.cia402 import DriveState
 from artibot_driver.config import config_from_parameters
 from artibot_driver.faults.closed_loop import VirtualLoop
 from artibot_driver.faults.simulated_bus import message_of
 from artibot_driver.frames import Frame, NmtState, heartbeat
-from artibot_driver.master import Cycle, Master, Phase, Reason, Setpoints
+from artibot_driver.master import Master, MasterCycle, Phase, Setpoints, StopReason
 from artibot_driver.master.reception import LISTEN_TIME
 from artibot_driver.rig import load_rig
 
@@ -67,7 +67,7 @@ class Two:
         self.tap = Tap(self.first)
         self.second = Master(self.tap, RIG, clock=lambda: self.first.now)
 
-    def run(self, seconds: float) -> Cycle:
+    def run(self, seconds: float) -> MasterCycle:
         """Let time pass for both; what the second one says last."""
         for _ in range(round(seconds / 0.01)):
             cycle = self.second.cycle(self.first.now, Setpoints((30.0, 30.0), self.first.now))
@@ -144,7 +144,7 @@ def test_one_that_was_silent_leaves_the_drives_to_who_leads_them_now(two: Two, s
     status = two.first.last.status
     assert status.phase is Phase.LISTENING
     assert status.other_driver.startswith("somebody else leads the drives: heard ")
-    assert all({*sample.drives.state} == {State.OPERATION_ENABLED} for sample in two.first.trace[first:])
+    assert all({*sample.drives.state} == {DriveState.OPERATION_ENABLED} for sample in two.first.trace[first:])
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -160,7 +160,7 @@ def test_what_still_waited_in_the_interface_of_one_whose_cable_was_off_stops_ano
     first = len(two.first.trace)
     two.first.cable_on()
     stop = two.run(0.01).status.stop
-    assert stop is not None and stop.reason is Reason.SECOND_DRIVER
+    assert stop is not None and stop.reason is StopReason.SECOND_DRIVER
     assert two.run(0.5).status.counters["foreign_commands"] >= 4
     asked = [abs(sample.drives.asked[0].velocity or 0.0) for sample in two.first.trace[first:]]
     assert asked[0] < 30.0 and asked[-1] == 0.0
@@ -258,14 +258,14 @@ def test_of_two_started_at_once_one_leads_and_the_other_is_silent(seed: int) -> 
     for _ in range(300):
         phases = {other.cycle(w.now, None).status.phase, w.last.status.phase if w.trace else Phase.OFFLINE}
         w.run(0.01)
-        assert {*w.trace[-1].drives.state} <= {State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED}
+        assert {*w.trace[-1].drives.state} <= {DriveState.NOT_READY_TO_SWITCH_ON, DriveState.SWITCH_ON_DISABLED}
     assert phases == {Phase.READY, Phase.LISTENING}
     first = w.master if w.last.status.phase is Phase.READY else other
     first.enable()
     for _ in range(20):
         other.cycle(w.now, None)
         w.run(0.01)
-    assert {*w.trace[-1].drives.state} == {State.OPERATION_ENABLED}
+    assert {*w.trace[-1].drives.state} == {DriveState.OPERATION_ENABLED}
 
 
 def test_listening_outlasts_drives_that_wait_long_for_their_driver() -> None:
@@ -279,4 +279,4 @@ def test_listening_outlasts_drives_that_wait_long_for_their_driver() -> None:
     w.run(0.3)
     w.new_master()
     assert w.run_until(Phase.CONFIGURING, 3.0)
-    assert State.OPERATION_ENABLED not in w.trace[-2].drives.state  # before its first word
+    assert DriveState.OPERATION_ENABLED not in w.trace[-2].drives.state  # before its first word

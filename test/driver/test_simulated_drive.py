@@ -10,7 +10,7 @@ from drive_bench import STEP, Bench
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from artibot_driver.cia402 import TRANSITIONS, OperationMode, State, StatusBit, state_of
+from artibot_driver.cia402 import TRANSITIONS, DriveState, OperationMode, StatusBit, state_of
 from artibot_driver.config import config_from_parameters
 from artibot_driver.frames import Frame, Heartbeat, NmtCommand, NmtState, nmt
 from artibot_driver.pdo import Pdo
@@ -34,7 +34,7 @@ def test_power_on_is_a_boot_up_message_and_pre_operational_silence() -> None:
     bench.advance(0.1)
     bench.send(bench.rig.codec.sync())
     assert bench.received[1:] == []
-    assert bench.drive.state is State.SWITCH_ON_DISABLED
+    assert bench.drive.state is DriveState.SWITCH_ON_DISABLED
 
 
 def test_heartbeats_come_with_their_period_and_tell_the_state() -> None:
@@ -123,16 +123,16 @@ def test_a_lost_master_stops_the_motor_on_the_ramp_and_needs_a_fault_reset(rig: 
     bench.received.clear()
     timeout = bench.rig.config.driver_timeout
     bench.advance(timeout)
-    assert bench.drive.state is State.OPERATION_ENABLED
+    assert bench.drive.state is DriveState.OPERATION_ENABLED
     bench.advance(2 * STEP * 1e-9)
-    assert bench.drive.state is State.FAULT_REACTION_ACTIVE
+    assert bench.drive.state is DriveState.FAULT_REACTION_ACTIVE
     assert bench.drive.nmt is NmtState.PRE_OPERATIONAL
     assert bench.emergencies() == [0x8130]
     bench.advance(slowest_stop(bench) / 2)
     half = bench.shaft.state().velocity / bench.scaling.velocity.si(SPEED)
     assert 0.3 < half < 0.7
     bench.advance(slowest_stop(bench) / 2 + 0.25)
-    assert bench.drive.state is State.FAULT
+    assert bench.drive.state is DriveState.FAULT
     assert bench.shaft.asked == FREE
     assert abs(bench.shaft.state().velocity) < 1.0
     # commands alone, heartbeat or not, move nothing; nor does a fault reset while the master is lost
@@ -140,16 +140,16 @@ def test_a_lost_master_stops_the_motor_on_the_ramp_and_needs_a_fault_reset(rig: 
     bench.run(0.1, velocity=SPEED)
     bench.controlword = 0x80
     bench.cycle()
-    assert bench.drive.state is State.FAULT
+    assert bench.drive.state is DriveState.FAULT
     bench.controlword = 0
     bench.cycle()
     bench.beating = True
     bench.beat()
     bench.controlword = 0x0F
     bench.run(0.2, velocity=SPEED)
-    assert bench.drive.state is State.FAULT
+    assert bench.drive.state is DriveState.FAULT
     bench.controlword = 0
-    bench.lead_to(State.OPERATION_ENABLED, reset_faults=True)
+    bench.lead_to(DriveState.OPERATION_ENABLED, reset_faults=True)
     assert bench.emergencies()[-1] == 0
     assert bench.feedback("error_register") == 0
 
@@ -159,13 +159,14 @@ def test_a_drive_that_never_heard_a_master_does_not_miss_one() -> None:
     bench.drive.power_on(bench.now)
     bench.write(0x1016, 0x7F0096, 1)
     bench.advance(1.0)
-    assert bench.drive.state is State.SWITCH_ON_DISABLED
+    assert bench.drive.state is DriveState.SWITCH_ON_DISABLED
 
 
 @pytest.mark.parametrize(
-    ("action", "state"), [(0, State.OPERATION_ENABLED), (2, State.SWITCH_ON_DISABLED), (3, State.QUICK_STOP_ACTIVE)]
+    ("action", "state"),
+    [(0, DriveState.OPERATION_ENABLED), (2, DriveState.SWITCH_ON_DISABLED), (3, DriveState.QUICK_STOP_ACTIVE)],
 )
-def test_other_reactions_to_a_lost_master_are_those_of_6007h(action: int, state: State) -> None:
+def test_other_reactions_to_a_lost_master_are_those_of_6007h(action: int, state: DriveState) -> None:
     bench = Bench(rig=RIG).enabled()
     bench.write(0x6007, action)
     bench.run(1.0, velocity=SPEED)
@@ -185,15 +186,15 @@ def test_quick_stop_brakes_as_605ah_says(code: int) -> None:
     bench.run(1.0, velocity=SPEED)
     bench.controlword = 0x02
     bench.cycle()
-    assert bench.drive.state is (State.QUICK_STOP_ACTIVE if code else State.SWITCH_ON_DISABLED)
+    assert bench.drive.state is (DriveState.QUICK_STOP_ACTIVE if code else DriveState.SWITCH_ON_DISABLED)
     bench.run(slowest_stop(bench) + 0.4)
-    assert bench.drive.state is (State.QUICK_STOP_ACTIVE if code > 4 else State.SWITCH_ON_DISABLED)
+    assert bench.drive.state is (DriveState.QUICK_STOP_ACTIVE if code > 4 else DriveState.SWITCH_ON_DISABLED)
     assert (bench.shaft.asked == FREE) is (code <= 4)
     if code:
         assert abs(bench.shaft.state().velocity) < 1.0
     bench.controlword = 0x0F
     bench.cycle()
-    assert (bench.drive.state is State.OPERATION_ENABLED) is (code > 4)
+    assert (bench.drive.state is DriveState.OPERATION_ENABLED) is (code > 4)
 
 
 def test_a_motor_that_does_not_come_to_rest_is_let_go() -> None:
@@ -203,7 +204,7 @@ def test_a_motor_that_does_not_come_to_rest_is_let_go() -> None:
     bench.shaft.inertia = 1.0
     bench.controlword = 0x02
     bench.run(slowest_stop(bench) + 0.6)
-    assert bench.drive.state is State.SWITCH_ON_DISABLED
+    assert bench.drive.state is DriveState.SWITCH_ON_DISABLED
     assert bench.shaft.asked == FREE
 
 
@@ -213,7 +214,7 @@ def test_halt_stops_and_lets_go_on() -> None:
     bench.controlword = 0x10F
     bench.run(1.0, velocity=SPEED)
     assert abs(bench.shaft.state().velocity) < 1.0
-    assert bench.drive.state is State.OPERATION_ENABLED
+    assert bench.drive.state is DriveState.OPERATION_ENABLED
     bench.controlword = 0x0F
     bench.run(1.0, velocity=SPEED)
     assert bench.feedback("velocity_actual_value") == pytest.approx(SPEED, rel=1e-2)
@@ -226,15 +227,15 @@ def test_a_fault_of_its_own_is_told_and_outlasts_a_reset_while_its_cause_does() 
     bench.drive.fail(0x4310, 0x09, lasting=True)
     assert bench.emergencies() == [0x4310]
     bench.run(0.3, torque=300)
-    assert bench.drive.state is State.FAULT
+    assert bench.drive.state is DriveState.FAULT
     assert bench.shaft.asked == FREE
     assert (bench.feedback("error_code"), bench.feedback("error_register")) == (0x4310, 0x09)
     for word in (0x80, 0x00, 0x80, 0x00):
         bench.controlword = word
         bench.cycle()
-    assert bench.drive.state is State.FAULT
+    assert bench.drive.state is DriveState.FAULT
     bench.drive.mend()
-    bench.lead_to(State.OPERATION_ENABLED, reset_faults=True)
+    bench.lead_to(DriveState.OPERATION_ENABLED, reset_faults=True)
     assert bench.drive.objects.values[0x1003, 0] == 1
     assert bench.drive.objects.values[0x1003, 1] == 0x4310
 
@@ -246,7 +247,7 @@ def test_an_encoder_that_fails_is_a_fault_and_the_motor_is_free(broken: float) -
     bench.shaft._state = ShaftState(broken, broken, 0.0)
     bench.send(RIG.codec.sync())
     bench.advance(0.01)
-    assert bench.drive.state is State.FAULT
+    assert bench.drive.state is DriveState.FAULT
     assert bench.shaft.asked == FREE
     assert 0x7300 in bench.emergencies()
 
@@ -256,9 +257,9 @@ def test_leaving_operational_stops_a_moving_drive(command: NmtCommand) -> None:
     bench = Bench(rig=RIG).enabled()
     bench.run(1.0, velocity=SPEED)
     bench.send(nmt(command, bench.node))
-    assert bench.drive.state is State.FAULT_REACTION_ACTIVE
+    assert bench.drive.state is DriveState.FAULT_REACTION_ACTIVE
     bench.advance(slowest_stop(bench) + 0.4)
-    assert bench.drive.state is State.FAULT
+    assert bench.drive.state is DriveState.FAULT
     assert abs(bench.shaft.state().velocity) < 1.0
 
 
@@ -295,7 +296,7 @@ def test_a_cut_set_point_changes_nothing_and_is_told_once() -> None:
         bench.send(Frame(0x200 + bench.node, bytes(7)))
     assert bench.emergencies() == [0x8210]
     bench.send(RIG.codec.sync())
-    assert bench.drive.state is State.OPERATION_ENABLED
+    assert bench.drive.state is DriveState.OPERATION_ENABLED
     assert bench.drive.objects.values[0x60FF, 0] == SPEED
 
 
@@ -352,11 +353,15 @@ def test_no_frames_whatever_make_it_do_what_the_table_does_not_allow(
     for frame, steps in frames:
         bench.send(frame)
         bench.advance(steps * STEP * 1e-9)
-        powered = bench.drive.state in (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
+        powered = bench.drive.state in (
+            DriveState.OPERATION_ENABLED,
+            DriveState.QUICK_STOP_ACTIVE,
+            DriveState.FAULT_REACTION_ACTIVE,
+        )
         assert powered or bench.shaft.asked == FREE
         limit = bench.scaling.velocity.si(bench.drive.objects.values[0x6080, 0] * 1000)
         assert abs(bench.shaft.asked.velocity or 0.0) <= abs(limit) * (1 + 1e-9)
-    restarts = (State.NOT_READY_TO_SWITCH_ON,)
+    restarts = (DriveState.NOT_READY_TO_SWITCH_ON,)
     for change in bench.drive.changes:  # type: ignore[attr-defined]
         assert change in ALLOWED or change[1] in restarts, change
     reported = state_of(bench.drive.objects.values[0x6041, 0])

@@ -14,12 +14,12 @@ from scipy.stats import chi2
 from artibot_sim.cli import main
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation import model_odometry
-from artibot_sim.estimation.model_odometry import ModelOdometry, Streams
+from artibot_sim.estimation.model_odometry import ModelOdometry, StreamProperties
 from artibot_sim.estimation.odometry import Slip
-from artibot_sim.estimation.odometry_check import Piece, Settings, fitted_track, heading_walk, pieces
+from artibot_sim.estimation.odometry_check import OdometrySettings, OdometryWindow, fitted_track, heading_walk, pieces
 from artibot_sim.experiment import read_bag, write_experiment
 from artibot_sim.model import Mode, Robot, Rollout, load_robot, rollout
-from artibot_sim.model.simulate.rollout import Setup
+from artibot_sim.model.simulate.rollout import RolloutSetup
 from artibot_sim.planning import load_manoeuvre, plan
 from artibot_sim.resources import config_names
 
@@ -145,7 +145,7 @@ def test_a_clock_that_is_set_back_begins_anew_where_it_was() -> None:
 
 def test_delays_of_streams_are_taken_back() -> None:
     run = driven(load_robot("husky"))
-    late = ModelOdometry(run.robot, streams=Streams(rotation_delay=0.2))
+    late = ModelOdometry(run.robot, streams=StreamProperties(rotation_delay=0.2))
     for t, position, velocity in zip(*samples(run), strict=True):
         late.update(t + 0.2, position, velocity)
     assert late.t == pytest.approx(run.t[-1])
@@ -157,7 +157,7 @@ def test_a_gyroscope_rules_the_heading_and_shows_its_bias_at_rest() -> None:
     run = driven(load_robot("husky"))
     other = run.robot.replace({"contact.mu_s": 0.5, "contact.mu_d": 0.3, "contact.k_t": 600.0})
     rng, wheels = np.random.default_rng(1), ModelOdometry(other)
-    streams = Streams(gyro_delay=0.04)
+    streams = StreamProperties(gyro_delay=0.04)
     odometry = ModelOdometry(other, streams=streams)
     for t in np.arange(-5.0, 0.0, 0.02):  # it stands first
         odometry.update(t, (0.0, 0.0), (0.0, 0.0))
@@ -227,7 +227,7 @@ def test_a_heading_s_walk_is_that_of_sides_on_grounds_of_their_own() -> None:
         turn = 1.2 if number % 2 else 0.01
         sides = np.array([[0.0, 0.0], [way + 0.5 * track * turn, way - 0.5 * track * turn]])
         yaw = turn + 0.02 * way + walk * math.sqrt(way) * rng.standard_normal() + (number % 2) * rng.standard_normal()
-        found.append(Piece(0.0, 1.0, sides, np.array([way, 0.0, yaw]), {}, {}))
+        found.append(OdometryWindow(0.0, 1.0, sides, np.array([way, 0.0, yaw]), {}, {}))
     size, straight = heading_walk(found, track)
     assert straight == 200
     assert size == pytest.approx(walk, rel=0.2)
@@ -237,7 +237,7 @@ def test_a_heading_s_walk_is_that_of_sides_on_grounds_of_their_own() -> None:
 def test_windows_that_follow_each_other_keep_the_motion_under_way() -> None:
     """An articulated rover's joint is bent where a window begins: put there straight, it turned by 1.4 rad a radian."""
     robot = load_robot("agriq")
-    found = pieces(read_bag(BAG), robot, Settings(length=5.0))
+    found = pieces(read_bag(BAG), robot, OdometrySettings(length=5.0))
     track = fitted_track(found, robot)
     by_wheels, by_model = (
         float(
@@ -264,7 +264,7 @@ def test_it_turns_the_model_as_a_rollout_does_to_the_bit(
 ) -> None:
     robot, seen, simulate = load_robot(name), [], model_odometry.simulate
 
-    def beside(setup: Setup, dt: float, integrator: str, every: int, energy: bool) -> Rollout:
+    def beside(setup: RolloutSetup, dt: float, integrator: str, every: int, energy: bool) -> Rollout:
         found = simulate(setup, dt, integrator, every, energy)
         modes = [Mode.PRESCRIBED] * 4 if back_seen or not robot.articulated else None
         expected = rollout(

@@ -10,9 +10,9 @@ import pytest
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.boosting import boosted, boosted_from
 from artibot_sim.estimation.residual_model import (
+    MotorSpeeds,
     Predicted,
     ResidualModel,
-    Turning,
     body_rates,
     features,
     grid,
@@ -49,11 +49,11 @@ def test_features_of_a_step_know_the_second_before_it_and_nothing_after_it() -> 
     t = np.arange(0.0, 4.0, 0.01)
     path = Predicted(grid(2.0, 3.0), np.zeros((6, 3)), np.zeros(6))
     speed = np.zeros((len(t), 1))
-    now = features(Turning(t, speed), path)[0]
+    now = features(MotorSpeeds(t, speed), path)[0]
 
     def changed(a: float, b: float) -> bool:
         other = np.where((t >= a) & (t < b), 1.0, 0.0)[:, None]
-        return bool(np.abs(features(Turning(t, other), path)[0] - now).max() > 1e-6)
+        return bool(np.abs(features(MotorSpeeds(t, other), path)[0] - now).max() > 1e-6)
 
     assert changed(2.05, 2.15) and changed(1.05, 1.3)
     assert not changed(2.25, 4.0) and not changed(0.0, 0.9)
@@ -72,7 +72,7 @@ def test_a_file_gives_the_same_corrections_and_starts_are_not_moved(tmp_path: Pa
     again = load_residual(tmp_path / "residual.npz")
     assert (again.robot, again.motors, again.horizon) == ("husky", (0, 1), 2.0)
     t = np.arange(0.0, 3.0, 0.01)
-    turning = Turning(t, np.column_stack([np.sin(t), np.cos(t)]))
+    turning = MotorSpeeds(t, np.column_stack([np.sin(t), np.cos(t)]))
     at = grid(1.0, 3.0)
     path = Predicted(at, np.column_stack([at, 0.1 * at**2, 0.2 * at]), np.zeros(len(at)))
     offsets = again.offsets(turning, path)

@@ -27,7 +27,7 @@ from artibot_sim.identify.synthetic import Noise, synthetic
 from artibot_sim.model import Commands, Mode, Robot, load_robot, rollout
 from artibot_sim.model.kernels.layout import BACK
 from artibot_sim.model.simulate.train_windows import TrainWindows
-from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, Plan, kind_of
+from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, SamplingPlan, kind_of
 from artibot_sim.model.simulate.windows import WindowBatch
 from artibot_sim.planning import Dwell, Manoeuvre, Ramp, Slalom, Stop
 
@@ -65,7 +65,7 @@ def test_samples_are_those_of_a_rollout_for_every_module_and_joint() -> None:
     result = rollout(robot, commands, modes=table.modes, integrator="semi_implicit")
     names = ["x", "yaw", "sliding", *(f"torque_{motor}" for motor in robot.motors), *robot.articulation_joints[::2]]
     names += ["articulation_rate", "articulation_rate_2", "articulation_rate_4"]
-    plan = Plan(np.tile(t, len(names)), np.repeat([kind_of(name) for name in names], len(t)))
+    plan = SamplingPlan(np.tile(t, len(names)), np.repeat([kind_of(name) for name in names], len(t)))
     seen = WindowBatch([table], [plan], 1e-3).run([robot], one_item(result.q[0], result.v[0], 200))[0]
     found, rows = dict(zip(names, seen.reshape(len(names), -1), strict=True)), np.round(t / 0.01).astype(int)
     np.testing.assert_allclose(found["x"], result.pose[rows, 0], atol=1e-12)
@@ -94,7 +94,7 @@ def test_two_modules_as_a_train_see_what_they_see_by_their_own_kernels() -> None
     robot = load_robot("agriq")
     table, t = bent_table(robot), np.arange(0.1, 1.95, 0.05)
     kinds = [0, 1, 3, *range(10, 14)]
-    plan = Plan(np.tile(t, len(kinds)), np.repeat(kinds, len(t)))
+    plan = SamplingPlan(np.tile(t, len(kinds)), np.repeat(kinds, len(t)))
     start = rollout(robot, Commands(0.01, table.velocity[:2]), modes=table.modes, duration=0.0).final_state
     assert start is not None
     items = one_item(start.q, start.v, 200)

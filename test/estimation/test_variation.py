@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from artibot_sim.estimation.variation import Distances, Spread, Windows, correlation_of, spread_of
+from artibot_sim.estimation.variation import Distances, ParameterSpread, Windows, correlation_of, spread_of
 
 COUNT = 24
 """Samples of a window."""
@@ -61,7 +61,7 @@ def with_values(seed, correlation):
     J = 0.3 * rng.standard_normal((160, COUNT))
     r = J * value[:, None] + rng.standard_normal((160, COUNT))
     seen = Windows((J * J).sum(axis=1), (J * r).sum(axis=1), (r * r).sum(axis=1), np.full(160, float(COUNT)))
-    return seen, Spread(1.0, 1.0, 0.0, 0.0, (1.0, 0.0))
+    return seen, ParameterSpread(1.0, 1.0, 0.0, 0.0, (1.0, 0.0))
 
 
 @pytest.mark.parametrize(("over", "length"), [("time", 40.0), ("place", 3.0), ("recording", np.inf)])

@@ -12,7 +12,7 @@ import pytest
 
 from artibot_sim.cli import main
 from artibot_sim.exchange import mjcf as export
-from artibot_sim.exchange.mjcf import Contact, fitted, mjcf, turn_errors
+from artibot_sim.exchange.mjcf import ContactSettings, fitted, mjcf, turn_errors
 from artibot_sim.exchange.turning import steady_turn, turn_speed
 from artibot_sim.model import WHEEL_JOINTS, Robot, load_robot
 
@@ -20,7 +20,7 @@ mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed; pip inst
 
 
 @pytest.fixture(scope="module")
-def husky() -> tuple[Robot, Contact]:
+def husky() -> tuple[Robot, ContactSettings]:
     robot = load_robot("husky")
     return robot, fitted(robot)
 
@@ -32,13 +32,13 @@ def turns_of(robot: Robot, radii: tuple[float, ...], share: float) -> list[Any]:
     return [steady_turn(robot, pair) for pair in pairs]
 
 
-def test_turns_that_were_not_fitted_are_the_models(husky: tuple[Robot, Contact]) -> None:
+def test_turns_that_were_not_fitted_are_the_models(husky: tuple[Robot, ContactSettings]) -> None:
     robot, contact = husky
     turns = turns_of(robot, (1.5, -3.0), 0.8)
     off = turn_errors(robot, mjcf(robot, contact), turns)
     assert np.abs(off[:, 0]).max() < 0.02
     assert np.abs(off[:, 1]).max() < 0.03  # at this radius a wheel breaks away in the model, which costs 2 % of speed
-    unfitted = turn_errors(robot, mjcf(robot, Contact(contact.mu, export.DEFAULT_IMPEDANCE)), turns)
+    unfitted = turn_errors(robot, mjcf(robot, ContactSettings(contact.mu, export.DEFAULT_IMPEDANCE)), turns)
     assert np.abs(off[:, 0]).max() < np.abs(unfitted[:, 0]).max()
     assert contact.error < 0.01
 
@@ -49,7 +49,7 @@ def test_the_ratio_of_the_slips_is_the_models() -> None:
     for k_t in (750.0, 1500.0):
         robot = load_robot("husky").replace({"contact.k_t": k_t})
         (turn,) = turns_of(robot, (2.0,), 1.0)
-        ((off, _),) = turn_errors(robot, mjcf(robot, Contact(robot.contact.mu_s, 0.3)), [turn])
+        ((off, _),) = turn_errors(robot, mjcf(robot, ContactSettings(robot.contact.mu_s, 0.3)), [turn])
         assert abs(off) < 0.03
         turned.append(turn.yaw_rate)
     assert turned[0] > 1.15 * turned[1]
@@ -58,7 +58,7 @@ def test_the_ratio_of_the_slips_is_the_models() -> None:
 @pytest.mark.parametrize("name", ["agriq", "husky"])
 def test_mujoco_finds_the_bodies_of_the_model(name: str) -> None:
     robot = load_robot(name)
-    model = mujoco.MjModel.from_xml_string(mjcf(robot, Contact(0.6, 0.3)))
+    model = mujoco.MjModel.from_xml_string(mjcf(robot, ContactSettings(0.6, 0.3)))
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     modules = robot.front.m + (robot.back.m if robot.back else 0.0)
@@ -77,7 +77,7 @@ def test_mujoco_finds_the_bodies_of_the_model(name: str) -> None:
 def test_friction_is_along_the_axle_and_the_rim() -> None:
     """A contact's first tangent, which the first coefficient belongs to, is the wheel's axle wherever it heads."""
     robot = load_robot("husky")
-    model = mujoco.MjModel.from_xml_string(mjcf(robot, Contact(0.6, 0.3)))
+    model = mujoco.MjModel.from_xml_string(mjcf(robot, ContactSettings(0.6, 0.3)))
     data = mujoco.MjData(model)
     for yaw in (0.0, 0.7, 2.0):
         data.qpos[3:7] = [math.cos(yaw / 2), 0, 0, math.sin(yaw / 2)]
@@ -96,7 +96,7 @@ def test_an_articulated_rover_turns_with_shared_torques() -> None:
     """With a contact as it was fitted to Agri.q; found anew only by the command, which takes a minute."""
     robot = load_robot("agriq")
     turns = turns_of(robot, (5.0,), 1.0)
-    off = turn_errors(robot, mjcf(robot, Contact(robot.contact.mu_s, 0.3)), turns)
+    off = turn_errors(robot, mjcf(robot, ContactSettings(robot.contact.mu_s, 0.3)), turns)
     assert np.abs(off).max() < 0.05
 
 
@@ -118,6 +118,6 @@ def test_without_mujoco_the_mend_is_said(monkeypatch: pytest.MonkeyPatch, capsys
 
 def test_effects_of_one_module_are_in_its_friction() -> None:
     robot = dataclasses.replace(load_robot("agriq"), effects={"back_friction": {"scale": 0.5}})
-    model = mujoco.MjModel.from_xml_string(mjcf(robot, Contact(0.6, 0.3)))
+    model = mujoco.MjModel.from_xml_string(mjcf(robot, ContactSettings(0.6, 0.3)))
     friction = model.pair_friction[:, 0]
     assert friction[4:] == pytest.approx(0.5 * friction[:4])

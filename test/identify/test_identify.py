@@ -17,9 +17,9 @@ from artibot_sim.cli.identify import command
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.kinematic import FREE, ideal
 from artibot_sim.estimation.parameters import SOIL, ParameterSet
-from artibot_sim.estimation.uncertainty import Spread
+from artibot_sim.estimation.uncertainty import Distribution
 from artibot_sim.experiment import Channel, Experiment, write_channels
-from artibot_sim.identify import Effort, Prior, Status, identify, parse_priors
+from artibot_sim.identify import Effort, FitStatus, Prior, identify, parse_priors
 from artibot_sim.identify.judgement import FittedMotion, estimates, open_reason, overall
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.result import Estimate, number
@@ -73,7 +73,7 @@ def test_names_are_whole_on_a_narrow_terminal_and_what_is_not_known_is_no_number
 
 def test_a_known_soil_is_found(found: Work) -> None:
     result = found.result
-    assert result.status is Status.CONVERGED
+    assert result.status is FitStatus.CONVERGED
     inside = [e.ci95[0] <= TRUTH[e.key] <= e.ci95[1] for e in result.estimates]
     assert sum(inside) >= 4
     for e in result.estimates:
@@ -166,10 +166,10 @@ def test_a_part_of_the_parameters(real: Robot) -> None:
 def test_a_straight_drive_says_nothing_about_sideways_slip(real: Robot) -> None:
     drive = synthetic(real, STRAIGHT, kappa=0.8, seed=3)
     result = identify([drive], load_robot("agriq"), effort=QUICK).result
-    assert result.status is Status.NOT_IDENTIFIABLE
+    assert result.status is FitStatus.NOT_IDENTIFIABLE
     for name in ("k_t", "mu_s", "mu_d"):
         estimate = result[name]
-        assert estimate.status is Status.NOT_IDENTIFIABLE
+        assert estimate.status is FitStatus.NOT_IDENTIFIABLE
         assert estimate.note
         assert estimate.ci95[0] <= TRUTH[estimate.key] <= estimate.ci95[1]
     assert "slides" in result["mu_d"].note
@@ -181,7 +181,7 @@ def test_a_bound_is_said(real: Robot) -> None:
     drive = synthetic(real, TURNS, kappa=0.7, seed=4)
     priors = {"k_t": Prior(1950.0, 15.0)}
     result = identify([drive], real, fit=["k_t"], priors=priors, effort=QUICK).result
-    assert result["k_t"].status is Status.AT_BOUND
+    assert result["k_t"].status is FitStatus.AT_BOUND
     assert result["k_t"].value == pytest.approx(1950.0 * np.exp(5 * 15.0 / 1950.0), rel=1e-3)
 
 
@@ -203,7 +203,7 @@ def _judged(mu_s: float, mu_d: float, fit: tuple[str, ...] = ("mu_s", "mu_d")) -
     value = {"mu_s": mu_s, "mu_d": mu_d}
     at = np.log([value[p.name] / p.prior.value for p in parameters.parameters])
     wide = np.array([np.log(2.0) if p.name == "mu_d" else 0.01 for p in parameters.parameters])
-    spread = Spread(at, np.diag(np.full(len(at), 1e-4)), at - 0.01, at + wide)
+    spread = Distribution(at, np.diag(np.full(len(at), 1e-4)), at - 0.01, at + wide)
     motion = FittedMotion(sliding=0.2, grip=0.6, turning=0.3, torques=True)
     found = estimates(parameters, parameters.coordinates(np.exp(at) * _middles(parameters)), spread, spread, motion)
     return {estimate.name: estimate for estimate in found}
@@ -216,13 +216,13 @@ def _middles(parameters: ParameterSet) -> np.ndarray:
 def test_a_parameter_at_another_ones_value_says_so() -> None:
     """mu_d cannot exceed mu_s: where both are the same it is not converged, nor can its interval reach beyond."""
     at, below = _judged(0.43, 0.43), _judged(0.43, 0.35)
-    assert at["mu_d"].status is Status.AT_BOUND
+    assert at["mu_d"].status is FitStatus.AT_BOUND
     assert "stands at mu_s, 0.43" in at["mu_d"].note
     assert at["mu_d"].ci95[0] <= at["mu_d"].value <= at["mu_d"].ci95[1] <= at["mu_s"].ci95[1]
-    assert at["mu_s"].status is Status.CONVERGED
-    assert below["mu_d"].status is Status.CONVERGED
+    assert at["mu_s"].status is FitStatus.CONVERGED
+    assert below["mu_d"].status is FitStatus.CONVERGED
     alone = _judged(0.43, load_robot("agriq").contact.mu_s, ("mu_d",))  # mu_s, not fitted, gives way to it
-    assert alone["mu_d"].status is Status.CONVERGED
+    assert alone["mu_d"].status is FitStatus.CONVERGED
 
 
 def _with_gaps(drive: Experiment) -> Experiment:
@@ -366,7 +366,7 @@ def test_each_parameter_that_stays_open_has_a_reason_of_its_own() -> None:
     assert len(set(reasons.values())) == 3
     assert "common scale" in reasons["contact.k_l"] and "torques" not in reasons["effects.pose_lever_arm.x"]
     found = [
-        Estimate(key, key, "-", 1.0, (0.5, 2.0), (0.5, 2.0), (0.5, 2.0), (1.0, 0.4), Status.NOT_IDENTIFIABLE, reason)
+        Estimate(key, key, "-", 1.0, (0.5, 2.0), (0.5, 2.0), (0.5, 2.0), (1.0, 0.4), FitStatus.NOT_IDENTIFIABLE, reason)
         for key, reason in reasons.items()
     ]
     _, message = overall(found, True, "", 0.0)

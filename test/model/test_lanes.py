@@ -15,7 +15,7 @@ from artibot_sim.model.effects import EFFECTS, LAWS, has_laws
 from artibot_sim.model.kernels.lane_layout import EXTENDED, extension
 from artibot_sim.model.kernels.layout import BACK, GAMMA, MOTOR_COORDINATES
 from artibot_sim.model.simulate import windows as windows_module
-from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, Plan
+from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, SamplingPlan
 from artibot_sim.model.simulate.windows import Fleet, WindowBatch, level
 
 PRESCRIBED = (Mode.PRESCRIBED,) * 4
@@ -58,9 +58,9 @@ def chosen(items: Items, rows: np.ndarray) -> Items:
     return Items(**{name: values[rows] for name, values in known.items() if values is not None})
 
 
-def at_knots(knots: int) -> Plan:
+def at_knots(knots: int) -> SamplingPlan:
     t = 0.01 * np.arange(knots + 1)
-    return Plan(np.tile(t, len(SHOWN)), np.repeat(SHOWN, len(t)))
+    return SamplingPlan(np.tile(t, len(SHOWN)), np.repeat(SHOWN, len(t)))
 
 
 def by_rollout(robot: Robot, motors: MotorTable, items: Items, i: int, dt: float) -> np.ndarray:
@@ -130,7 +130,7 @@ def test_rigid_robots(husky) -> None:
 def test_a_rigid_robot_is_not_disturbed_by_articulated_ones(agriq, husky) -> None:
     """Blocks are used again, and nothing is left in them of a back module that a rigid robot does not have."""
     motors = table(husky)
-    plan = Plan(np.tile([0.05, 0.2], len(SHOWN)), np.repeat(SHOWN, 2))
+    plan = SamplingPlan(np.tile([0.05, 0.2], len(SHOWN)), np.repeat(SHOWN, 2))
     batch = WindowBatch([motors], [plan], 1e-3, workers=1)
     items = items_of([husky], motors, 13, each=3)
     (alone, together) = batch.run([husky], items), []
@@ -179,7 +179,7 @@ def crowd(agriq):
     robots = [*random_robots(agriq, 3, 7), with_effects(agriq, "joint_friction"), with_effects(agriq, "payload")]
     motors = table(agriq)
     items = items_of(robots, motors, 8, each=7)
-    plan = Plan(np.tile([0.013, 0.1], len(SHOWN)), np.repeat(SHOWN, 2))
+    plan = SamplingPlan(np.tile([0.013, 0.1], len(SHOWN)), np.repeat(SHOWN, 2))
     return robots, motors, items, plan, WindowBatch([motors], [plan], 1e-3, workers=1).run(robots, items)
 
 
@@ -202,7 +202,7 @@ def test_one_that_diverges_disturbs_nobody(crowd) -> None:
     speed = motors.velocity.copy()
     speed[108:] = 1e7
     wild = dataclasses.replace(motors, velocity=speed)
-    plan = Plan(np.arange(0.0, 0.2, 0.01), np.zeros(20, np.int64))
+    plan = SamplingPlan(np.arange(0.0, 0.2, 0.01), np.zeros(20, np.int64))
     before = WindowBatch([motors, motors], [plan], 1e-3).run(robots, items)
     after = WindowBatch([motors, wild], [plan], 1e-3).run(robots, items)
     for lost, calm, found in zip(items.table, before, after, strict=True):
@@ -221,7 +221,7 @@ def test_what_leaves_the_plane_runs_alone(agriq, monkeypatch) -> None:
     items.v[2, 3] = 1e-3
     fleet = Fleet.of(robots, [motors], False)
     np.testing.assert_array_equal(level(fleet, items), [True, False, False, False, False, False])
-    plan = Plan(np.repeat([0.05, 0.1], 3), np.tile([0, 2, 11], 2))
+    plan = SamplingPlan(np.repeat([0.05, 0.1], 3), np.tile([0, 2, 11], 2))
     found = WindowBatch([motors], [plan], 1e-3).run(robots, items)
     monkeypatch.setattr(windows_module, "level", lambda fleet, items: np.zeros(len(items), bool))
     alone = WindowBatch([motors], [plan], 1e-3).run(robots, items)
@@ -241,7 +241,7 @@ def test_sensor_errors_act_in_lanes_as_alone(agriq, monkeypatch) -> None:
     motors = dataclasses.replace(table(agriq), from_speeds=(True,) * 4)
     items = items_of(robots, motors, 11, each=3)
     kinds = [*SHOWN, *range(KINDS.index("grip") + 1, len(KINDS))]
-    plan = Plan(np.tile([0.03, 0.111, 0.15], len(kinds)), np.repeat(kinds, 3))
+    plan = SamplingPlan(np.tile([0.03, 0.111, 0.15], len(kinds)), np.repeat(kinds, 3))
     found = WindowBatch([motors], [plan], 2.5e-3).run(robots, items)
     monkeypatch.setattr(windows_module, "level", lambda fleet, items: np.zeros(len(items), bool))
     alone = WindowBatch([motors], [plan], 2.5e-3).run(robots, items)

@@ -10,7 +10,7 @@ from model.plain_effects import Transcribed
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.effects import EFFECTS, effects_from_dict, hooks, record
-from artibot_sim.model.effects.force_law import FORMS, SEEN, VARIABLES, LocalMotion, follows
+from artibot_sim.model.effects.force_law import FORMS, MOTION, VARIABLES, LocalMotion, follows
 from artibot_sim.model.effects.force_law import PLACES as PLACES_OF_LAWS
 from artibot_sim.model.effects.hooks import PLACES
 from artibot_sim.model.reference.effects import PlainEffects
@@ -62,7 +62,7 @@ BY_LAWS = ("load", "across", "along", "shaft", "joint")
 def motion() -> dict[str, np.ndarray]:
     """What laws see of an instant."""
     rng = np.random.default_rng(3)
-    return {name: rng.normal(size=count) for name, count in SEEN}
+    return {name: rng.normal(size=count) for name, count in MOTION}
 
 
 ACTING = sorted(name for name in SEVERITY_1 if EFFECTS[name].hooks)

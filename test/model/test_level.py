@@ -17,7 +17,7 @@ from artibot_sim.model.effects import EFFECTS, record
 from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.model.kernels import loop, plane_loop
 from artibot_sim.model.kernels.elementary import turn_by
-from artibot_sim.model.kernels.layout import MEMORY, Grid, MotorInputs, Rows, RunState
+from artibot_sim.model.kernels.layout import MEMORY, Grid, KernelInputs, RowTables, RunState
 from artibot_sim.model.robot.derived import packed, params
 from artibot_sim.model.simulate.rollout import driven_by
 
@@ -42,9 +42,9 @@ def spread(order, robot: Robot, integrator: str, modes=None, start: State | None
     rows = -(-steps // every) + 1
     state = [part.copy() for part in (start.q, start.v, start.eta, start.torque, start.behind)]
     tables = [np.zeros((rows, n)) for n in (16, 16, loop.ROW, loop.ENERGIES)]
-    inputs = MotorInputs(np.array(modes, np.int64), *driven_by(order), back_torque_factor(robot, 0.8))
+    inputs = KernelInputs(np.array(modes, np.int64), *driven_by(order), back_torque_factor(robot, 0.8))
     grid = Grid(dt, steps, every, round(order.dt / dt))
-    given = RunState(*state), packed(params(robot)), inputs, grid, loop.workspace(), Rows(*tables[:3]), tables[3]
+    given = RunState(*state), packed(params(robot)), inputs, grid, loop.workspace(), RowTables(*tables[:3]), tables[3]
     return given, state, tables
 
 

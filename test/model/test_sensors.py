@@ -15,7 +15,7 @@ from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.robot.parameters import NO_SENSOR_ERRORS, SensorErrors
 from artibot_sim.model.simulate.commands import Commands
 from artibot_sim.model.simulate.sensors import low_passed, measured_starts, sensor_errors, true_starts
-from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, Plan
+from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, SamplingPlan
 from artibot_sim.model.simulate.windows import WindowBatch
 
 ALL = (Mode.PRESCRIBED,) * 4
@@ -23,7 +23,7 @@ MEASURED = tuple(KINDS.index(k) for k in (
     "x", "y", "yaw", "yaw_rate", "torque_front_right", "torque_front_left", "torque_back_right", "torque_back_left",
 ))  # fmt: skip
 T = np.round(np.arange(0.5, 2.9, 0.05), 9)
-PLAN = Plan(np.tile(T, len(MEASURED)), np.repeat(MEASURED, len(T)))
+PLAN = SamplingPlan(np.tile(T, len(MEASURED)), np.repeat(MEASURED, len(T)))
 
 
 def table(scale: float = 1.0) -> MotorTable:
@@ -35,7 +35,7 @@ def table(scale: float = 1.0) -> MotorTable:
     return MotorTable(0.01, scale * angle, scale * speed, np.full_like(speed, np.nan), ALL)
 
 
-def predicted(robot: Robot, motors: MotorTable | None = None, yaw: float = 0.0, plan: Plan = PLAN) -> dict:
+def predicted(robot: Robot, motors: MotorTable | None = None, yaw: float = 0.0, plan: SamplingPlan = PLAN) -> dict:
     """Kind → what the robot's sensors see at T, from rest."""
     state = initial_state(robot, x=1.0, y=-2.0, yaw=yaw)
     one, zero = np.ones(1, np.int64), np.zeros(1, np.int64)
@@ -96,7 +96,7 @@ def test_an_offset_of_headings_is_in_nothing_else(agriq: Robot, plain: dict) -> 
 @pytest.mark.parametrize("delay", [0.12, 0.1037])
 def test_a_delay_is_a_shift_of_positions_in_time(agriq: Robot, plain: dict, delay: float) -> None:
     late = predicted(with_effects(agriq, pose_delay={"delay": delay}))
-    early = predicted(agriq, plan=Plan(np.tile(T - delay, len(MEASURED)), PLAN.kind))
+    early = predicted(agriq, plan=SamplingPlan(np.tile(T - delay, len(MEASURED)), PLAN.kind))
     for kind in (0, 1, 2):
         np.testing.assert_allclose(late[kind], early[kind], rtol=0, atol=1e-12)
     for kind in MEASURED[3:]:
@@ -129,7 +129,7 @@ def test_before_a_window_the_rover_went_on_as_it_starts(agriq: Robot) -> None:
     one, zero = np.ones(1, np.int64), np.zeros(1, np.int64)
     items = Items(zero, zero, zero, zero + 100, 100 * one, state.q[None], v[None], np.zeros(1))
     robot = with_effects(agriq, pose_delay={"delay": delay})
-    plan = Plan(np.zeros(3), np.arange(3))
+    plan = SamplingPlan(np.zeros(3), np.arange(3))
     (seen,) = WindowBatch([table()], [plan], 2.5e-3).run([robot], items)
     radius, angle = speed / rate, -rate * delay
     np.testing.assert_allclose(seen, [radius * np.sin(angle), radius * (1 - np.cos(angle)), angle], atol=5e-5)

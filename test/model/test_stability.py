@@ -311,7 +311,7 @@ def test_table_6_at_5_ms_is_the_same_path(request, name):
 
 
 def test_a_stepper_takes_long_steps_too(epiq):
-    from artibot_sim.model.simulate.stepper import Stepper, Turn
+    from artibot_sim.model.simulate.stepper import MotorCommand, Stepper
 
     cruise = 0.3 / (epiq.wheel.r_w * epiq.drive.front.tau)
     ends = []
@@ -320,6 +320,8 @@ def test_a_stepper_takes_long_steps_too(epiq):
         for k in range(500):
             speed = min(1, k / 250) * cruise, min(1, (k + 1) / 250) * cruise
             slower = 0.9 * speed[0], 0.9 * speed[1]
-            rover.advance(round(7e-3 / dt), (Turn(speed), Turn(slower), Turn(speed), Turn(speed)))
+            rover.advance(
+                round(7e-3 / dt), (MotorCommand(speed), MotorCommand(slower), MotorCommand(speed), MotorCommand(speed))
+            )
         ends.append(rover.q[:6].copy())
     np.testing.assert_allclose(ends[1], ends[0], atol=5e-3)

@@ -9,7 +9,7 @@ import pytest
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Rollout, Status, load_robot, rollout
-from artibot_sim.model.simulate.stepper import COASTING, Stepper, Turn
+from artibot_sim.model.simulate.stepper import COASTING, MotorCommand, Stepper
 
 AGRIQ = load_robot("agriq")
 SLICE = 0.002
@@ -29,9 +29,11 @@ def whole(front: np.ndarray, torque: float, integrator: str) -> Rollout:
     return rollout(AGRIQ, commands, modes=MODES, every=2, integrator=integrator)
 
 
-def turns(front: np.ndarray, k: int, torque: float, limit: float = math.inf) -> tuple[Turn, Turn, Turn, Turn]:
-    right, left = (Turn((front[k, side], front[k + 1, side]), limit=limit) for side in (0, 1))
-    return right, left, Turn(torque=torque), Turn(torque=torque)
+def turns(
+    front: np.ndarray, k: int, torque: float, limit: float = math.inf
+) -> tuple[MotorCommand, MotorCommand, MotorCommand, MotorCommand]:
+    right, left = (MotorCommand((front[k, side], front[k + 1, side]), limit=limit) for side in (0, 1))
+    return right, left, MotorCommand(torque=torque), MotorCommand(torque=torque)
 
 
 @pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
@@ -54,9 +56,9 @@ def test_a_slice_may_be_as_long_as_one_likes() -> None:
     for k in range(0, N, 5):
         for j in range(5):
             first, last = (front[k] + f / 5 * (front[k + 5] - front[k]) for f in (j, j + 1))
-            right, left = (Turn((first[side], last[side])) for side in (0, 1))
+            right, left = (MotorCommand((first[side], last[side])) for side in (0, 1))
             fine.advance(2, (right, left, COASTING, COASTING))
-        right, left = (Turn((front[k, side], front[k + 5, side])) for side in (0, 1))
+        right, left = (MotorCommand((front[k, side], front[k + 5, side])) for side in (0, 1))
         coarse.advance(10, (right, left, COASTING, COASTING))
     np.testing.assert_allclose(fine.q, coarse.q, atol=1e-10)
 
@@ -82,7 +84,9 @@ def test_no_drive_makes_a_motor_stronger_than_it_is() -> None:
     weak, stepper = AGRIQ.replace({"drive.front.torque_max": 0.05}), None
     stepper = Stepper(weak)
     for _ in range(100):
-        stepper.advance(2, (Turn((0.0, 100.0)), Turn((0.0, 100.0)), Turn(torque=1.0, limit=5.0), COASTING))
+        stepper.advance(
+            2, (MotorCommand((0.0, 100.0)), MotorCommand((0.0, 100.0)), MotorCommand(torque=1.0, limit=5.0), COASTING)
+        )
     assert abs(stepper.torque[:2]).max() <= 0.05
     assert stepper.torque[2] == AGRIQ.drive.back.torque_max
 
@@ -106,7 +110,11 @@ def test_modes_change_from_slice_to_slice_and_nothing_jumps() -> None:
     stepper, rng = Stepper(AGRIQ), np.random.default_rng(5)
     for _ in range(300):
         choices = [
-            COASTING if kind == 0 else Turn(torque=float(rng.uniform(-0.3, 0.3))) if kind == 1 else Turn((40.0, 40.0))
+            COASTING
+            if kind == 0
+            else MotorCommand(torque=float(rng.uniform(-0.3, 0.3)))
+            if kind == 1
+            else MotorCommand((40.0, 40.0))
             for kind in rng.integers(0, 3, 4)
         ]
         before = stepper.q.copy()
@@ -122,7 +130,9 @@ def test_a_divergence_is_a_status_and_leaves_the_state() -> None:
     stepper = Stepper(AGRIQ.replace({"drive.front.torque_max": math.inf}))
     stepper.advance(2, (COASTING,) * 4)
     before = stepper.state
-    assert stepper.advance(2, (Turn((0.0, 1e9)), Turn((0.0, 1e9)), COASTING, COASTING)) is Status.DIVERGED
+    assert (
+        stepper.advance(2, (MotorCommand((0.0, 1e9)), MotorCommand((0.0, 1e9)), COASTING, COASTING)) is Status.DIVERGED
+    )
     np.testing.assert_array_equal(stepper.state.q, before.q)
     assert stepper.t == before.t
 

@@ -12,7 +12,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, load_robot, rollout
 from artibot_sim.model.effects.residual_force import FORCES
 from artibot_sim.model.robot.robot import unchecked
-from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, Plan
+from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, SamplingPlan
 from artibot_sim.model.simulate.windows import WindowBatch, by_numbers, window_step
 
 ALL = (Mode.PRESCRIBED,) * 4
@@ -51,7 +51,7 @@ def test_samples_are_those_of_a_rollout(effect: str) -> None:
     rest = Commands(0.01, table.velocity[100:301], position=table.position[100:301])
     t = np.arange(0.0, 1.96, 0.05)
     kinds = [k for k in range(len(KINDS)) if KINDS[k] not in ("grip", "a_x", "a_y", "v_x", "v_y")]
-    plan = Plan(np.tile(t, len(kinds)), np.repeat(kinds, len(t)))
+    plan = SamplingPlan(np.tile(t, len(kinds)), np.repeat(kinds, len(t)))
     seen = WindowBatch([table], [plan], 2.5e-3, workers=2).run(robots, _items(begun, 100, 200))
     for robot, start, found in zip(robots, begun, seen, strict=True):
         # windows begin with the drives' efficiencies, a rollout that goes on with those of the step before
@@ -73,7 +73,7 @@ def test_workers_do_not_change_results() -> None:
     robots = [load_robot("agriq").replace({"contact.k_t": k}) for k in (1500.0, 1800.0, 2100.0)]
     table = _table()
     start = rollout(robots[0], Commands(0.01, table.velocity[:2]), modes=ALL, duration=0.0).final_state
-    plan = Plan(np.array([0.5, 1.0]), np.array([0, 10]))
+    plan = SamplingPlan(np.array([0.5, 1.0]), np.array([0, 10]))
     runs = [WindowBatch([table], [plan], 5e-3, workers=n).run(robots, _items([start] * 3, 0, 150)) for n in (1, 3)]
     np.testing.assert_array_equal(runs[0], runs[1])
     assert len({tuple(r) for r in runs[0]}) == 3
@@ -92,7 +92,7 @@ def test_robots_that_share_their_parts_are_as_if_each_were_alone() -> None:
     different, like = by_numbers(robots)
     assert different == [robots[0], robots[2]] and like.tolist() == [0, 0, 1]
     start = rollout(plain, Commands(0.01, table.velocity[:2]), modes=ALL, duration=0.0).final_state
-    plan = Plan(np.array([0.5, 1.0]), np.array([1, 10]))
+    plan = SamplingPlan(np.array([0.5, 1.0]), np.array([1, 10]))
     batch = WindowBatch([table], [plan], 2.5e-3, workers=1)
     together = batch.run(robots, _items([start] * 3, 0, 150))
     for effects, found in zip(given, together, strict=True):
@@ -119,7 +119,7 @@ def test_articulated_robots_that_are_stiffer_ask_for_shorter_steps(back: Mode) -
     torque = np.where(np.arange(4) < 2, np.nan, 0.02) * np.ones((len(found.velocity), 1))
     table = MotorTable(0.01, found.position, found.velocity, torque, (ALL[0], ALL[0], back, back))
     begun = rollout(plain, Commands(0.01, table.velocity, position=table.position), duration=1.0).final_state
-    plan, items = Plan(np.array([0.5, 2.0, 0.5, 2.0]), np.array([2, 2, 10, 10])), _items([begun], 100, 200)
+    plan, items = SamplingPlan(np.array([0.5, 2.0, 0.5, 2.0]), np.array([2, 2, 10, 10])), _items([begun], 100, 200)
     batch = WindowBatch([table], [plan], window_step(plain, [table]), 1, plain)
     assert batch.suits([plain])
     assert not batch.suits([plain, stiff])
@@ -137,7 +137,7 @@ def _rigid(modes: tuple[Mode, ...] = ALL) -> tuple[Robot, MotorTable, WindowBatc
     husky, found = load_robot("husky").replace({"contact.k_l": 1000.0, "contact.k_t": 700.0}), _table()
     table = MotorTable(0.01, found.position / 10, found.velocity / 10, found.torque, modes)
     kinds = [KINDS.index(name) for name in ("x", "y", "yaw", "yaw_rate", "torque_front_right", "torque_front_left")]
-    plan = Plan(np.tile([0.5, 2.0], len(kinds)), np.repeat(kinds, 2))
+    plan = SamplingPlan(np.tile([0.5, 2.0], len(kinds)), np.repeat(kinds, 2))
     begun = rollout(husky, Commands(0.01, table.velocity, position=table.position), duration=1.0).final_state
     return husky, table, WindowBatch([table], [plan], window_step(husky, [table]), 1), _items([begun], 100, 200)
 

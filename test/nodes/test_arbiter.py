@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from artibot_sim.nodes.common import arbiter
-from artibot_sim.nodes.common.arbiter import Commanding, Decision, Rules, Source, decide, parse_sources
+from artibot_sim.nodes.common.arbiter import Commanding, CommandSource, PeriodCommands, Rules, decide, parse_sources
 from artibot_sim.nodes.common.profile import Pair, Profile, Refused, parse_profile
 
 METRES = 0.2 / 47.64
@@ -45,7 +45,7 @@ def ramped(start_ns: int, seconds: float, top: float = 100.0) -> Profile:
 
 def run(state: Commanding, rules: Rules, steps: int, t_ns: int, now: float, alive: bool = False):
     """Some periods in real time; with `alive` the planner is heard before each."""
-    decisions: list[Decision] = []
+    decisions: list[PeriodCommands] = []
     for _ in range(steps):
         if alive:
             state = arbiter.take_sign_of_life(state, now)
@@ -55,7 +55,7 @@ def run(state: Commanding, rules: Rules, steps: int, t_ns: int, now: float, aliv
     return state, decisions, t_ns, now
 
 
-def ends(decisions: list[Decision]) -> list[Pair]:
+def ends(decisions: list[PeriodCommands]) -> list[Pair]:
     return [decision.velocity[-1] for decision in decisions]
 
 
@@ -68,7 +68,7 @@ def test_silence_is_a_ramp_on_the_same_curve_within_the_deceleration(
     velocity: Pair, deceleration: float, knots: int
 ) -> None:
     rules = replace(RULES, stop_deceleration=deceleration)
-    state = Commanding(velocity=velocity, source=Source.LIVE)
+    state = Commanding(velocity=velocity, source=CommandSource.LIVE)
     for step in range(5000):
         state, decision = decide(state, rules, step * STEP, STEP // knots, knots, 0.01 * step)
         assert len(decision.velocity) == knots + 1
@@ -98,11 +98,11 @@ def test_what_is_published_next_begins_where_the_last_ended(velocity: Pair, seen
 def test_live_requests_hold_for_the_timeout_and_no_longer() -> None:
     state = arbiter.take_live(Commanding(), (80.0, 40.0), (1.0, -1.0), 5.0)
     state, decision = decide(state, RULES, 0, STEP, 1, 5.0)
-    assert (decision.source, decision.velocity[-1], decision.effort) == (Source.LIVE, (80.0, 40.0), (1.0, -1.0))
+    assert (decision.source, decision.velocity[-1], decision.effort) == (CommandSource.LIVE, (80.0, 40.0), (1.0, -1.0))
     state, decision = decide(state, RULES, STEP, STEP, 1, 5.1)
-    assert decision.source is Source.LIVE
+    assert decision.source is CommandSource.LIVE
     state, decision = decide(state, RULES, 2 * STEP, STEP, 1, 5.1001)
-    assert decision.source is Source.NONE and "motor_command_request" in decision.notice
+    assert decision.source is CommandSource.NONE and "motor_command_request" in decision.notice
     assert 0 < decision.velocity[-1][0] < 80.0 and all(map(math.isnan, decision.effort))
 
 
@@ -161,7 +161,7 @@ def test_without_a_sign_of_life_the_profile_ends_in_a_ramp_and_is_not_taken_up_a
     state, _, t_ns, now = run(state, RULES, 100, 0, 0.0, alive=True)
     state, decisions, t_ns, now = run(state, RULES, 12, t_ns, now)
     sources = [decision.source for decision in decisions]
-    assert sources[:9] == [Source.PROFILE] * 9 and sources[-1] is Source.NONE
+    assert sources[:9] == [CommandSource.PROFILE] * 9 and sources[-1] is CommandSource.NONE
     assert any("sign of life" in decision.notice for decision in decisions)
     state, decisions, t_ns, now = run(state, RULES, 100, t_ns, now, alive=True)
     assert state.velocity == (0.0, 0.0)
@@ -180,7 +180,7 @@ def test_a_planner_silent_before_its_start_is_not_followed() -> None:
 def test_a_planner_never_heard_is_followed_for_the_timeout_only() -> None:
     state = arbiter.take_profile(Commanding(), ramped(10 * STEP, 4.0), RULES, 0, 0.0)
     _, decisions, _, _ = run(state, RULES, 60, 0, 0.0)
-    followed = [decision.source for decision in decisions].count(Source.PROFILE)
+    followed = [decision.source for decision in decisions].count(CommandSource.PROFILE)
     assert 0 < followed <= 12
 
 
@@ -202,15 +202,15 @@ def test_the_same_profile_again_changes_nothing() -> None:
 def test_default_precedence() -> None:
     state = arbiter.take_twist(Commanding(), (10.0, 10.0), 0.0)
     state, decisions, t_ns, now = run(state, RULES, 20, 0, 0.0)
-    assert decisions[-1].source is Source.CMD_VEL
+    assert decisions[-1].source is CommandSource.CMD_VEL
     state = arbiter.take_profile(state, ramped(t_ns, 2.0), RULES, t_ns, now)
     state, decisions, t_ns, now = run(state, RULES, 20, t_ns, now, alive=True)
-    assert decisions[-1].source is Source.PROFILE
+    assert decisions[-1].source is CommandSource.PROFILE
     state = arbiter.take_live(state, (5.0, 5.0), NAN, now)
     state, decisions, t_ns, now = run(state, RULES, 1, t_ns, now, alive=True)
-    assert decisions[-1].source is Source.LIVE and "profile under way is dropped" in decisions[-1].notice
+    assert decisions[-1].source is CommandSource.LIVE and "profile under way is dropped" in decisions[-1].notice
     state, decisions, t_ns, now = run(state, RULES, 60, t_ns, now, alive=True)
-    assert decisions[-1].source is Source.NONE, "neither the dropped profile nor the old twist come back"
+    assert decisions[-1].source is CommandSource.NONE, "neither the dropped profile nor the old twist come back"
 
 
 @pytest.mark.parametrize("order", ["cmd_vel,live", "live,cmd_vel", "cmd_vel", "live", "none"])
@@ -240,12 +240,12 @@ def test_nothing_heard_makes_a_command_that_is_not_finite_or_moves_after_long_si
         for decision in decisions:
             assert all(math.isfinite(v) for knot in (*decision.velocity, *decision.position) for v in knot)
     state, decisions, _, _ = run(state, RULES, 120, t_ns, now)
-    assert state.velocity == (0.0, 0.0) and decisions[-1].source is Source.NONE
+    assert state.velocity == (0.0, 0.0) and decisions[-1].source is CommandSource.NONE
 
 
-@pytest.mark.parametrize(("source", "hear"), [(Source.LIVE, "live"), (Source.CMD_VEL, "twist")])
+@pytest.mark.parametrize(("source", "hear"), [(CommandSource.LIVE, "live"), (CommandSource.CMD_VEL, "twist")])
 @pytest.mark.parametrize("refused", [True, False])
-def test_only_a_source_that_asked_for_motion_is_silenced(source: Source, hear: str, refused: bool) -> None:
+def test_only_a_source_that_asked_for_motion_is_silenced(source: CommandSource, hear: str, refused: bool) -> None:
     def heard(state: Commanding, velocity: Pair, now: float) -> Commanding:
         if hear == "live":
             return arbiter.take_live(state, velocity, NAN, now)
@@ -271,9 +271,9 @@ def test_only_a_source_that_asked_for_motion_is_silenced(source: Source, hear: s
 def test_a_refused_message_leaves_other_sources_and_a_profile_alone() -> None:
     state = arbiter.take_twist(arbiter.take_live(Commanding(), (1.0, 1.0), NAN, 0.0), (2.0, 2.0), 0.0)
     state = arbiter.take_profile(state, ramped(10**9, 1.0), RULES, 0, 0.0)
-    assert arbiter.take_refusal(state, Source.LIVE) == replace(state, live=None)
-    assert arbiter.take_refusal(state, Source.CMD_VEL) == replace(state, twist=None)
-    assert arbiter.take_refusal(state, Source.PROFILE) == state
+    assert arbiter.take_refusal(state, CommandSource.LIVE) == replace(state, live=None)
+    assert arbiter.take_refusal(state, CommandSource.CMD_VEL) == replace(state, twist=None)
+    assert arbiter.take_refusal(state, CommandSource.PROFILE) == state
 
 
 def test_a_planner_that_dies_silences_its_profile_and_one_that_is_over_does_not() -> None:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from artibot_sim.nodes.common.arbiter import Rules, Source, parse_request, parse_sources, parse_twist
+from artibot_sim.nodes.common.arbiter import CommandSource, Rules, parse_request, parse_sources, parse_twist
 from artibot_sim.nodes.common.profile import Refused, parse_profile
 
 NAN = math.nan
@@ -142,9 +142,9 @@ def test_bad_profiles_are_refused_with_a_reason(message: Record) -> None:
 
 
 def test_sources_by_name() -> None:
-    assert parse_sources("auto") == (Source.LIVE, Source.PROFILE, Source.CMD_VEL)
+    assert parse_sources("auto") == (CommandSource.LIVE, CommandSource.PROFILE, CommandSource.CMD_VEL)
     assert parse_sources("none") == ()
-    assert parse_sources("cmd_vel, live") == (Source.CMD_VEL, Source.LIVE)
+    assert parse_sources("cmd_vel, live") == (CommandSource.CMD_VEL, CommandSource.LIVE)
     for bad in ("", "live,live", "joystick", "auto,live"):
         with pytest.raises(Refused):
             parse_sources(bad)

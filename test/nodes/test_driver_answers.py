@@ -10,19 +10,19 @@ import pytest
 pytest.importorskip("rclpy", reason="rclpy is not installed; run `make setup`, or source a ROS 2 Jazzy")
 
 from artibot_driver.bus import BusState
-from artibot_driver.cia402 import State
+from artibot_driver.cia402 import DriveState
 from artibot_driver.config import config_from_parameters
-from artibot_driver.master import BusStatus, DriveStatus, Phase, Reason, Stage, Status, Stop
+from artibot_driver.master import BusStatus, DriveStatus, MasterStatus, Phase, SetupStage, StopReason, StopRecord
 from artibot_sim.model import MOTORS
 from artibot_sim.nodes.driver.publishers import ERROR, OK, STALE, WARN, Identity, diagnostics, essence
-from artibot_sim.nodes.driver.services import PATIENCE, START_WITHIN, AutoEnable, Pending, answer, obstacles
+from artibot_sim.nodes.driver.services import PATIENCE, START_WITHIN, AutoEnable, PendingRequest, answer, obstacles
 
 CONFIG = config_from_parameters({})
 DRIVES = tuple(
-    DriveStatus(motor, k, Stage.RUNNING, State.SWITCH_ON_DISABLED, "", "", 0, 0x40, 0.01, 0.01, 1.0)
+    DriveStatus(motor, k, SetupStage.RUNNING, DriveState.SWITCH_ON_DISABLED, "", "", 0, 0x40, 0.01, 0.01, 1.0)
     for k, motor in enumerate(MOTORS, 1)
 )
-READY = Status(
+READY = MasterStatus(
     phase=Phase.READY,
     stop=None,
     armed_ns=None,
@@ -34,14 +34,14 @@ READY = Status(
     bus=BusStatus(BusState.ACTIVE, 0.2, None, None, ""),
     counters={"frames_unknown": 7},
 )
-STOP = Stop(Reason.DRIVE_SILENT, "drive back_left says nothing", 6_000_000_000, "back_left")
+STOP = StopRecord(StopReason.DRIVE_SILENT, "drive back_left says nothing", 6_000_000_000, "back_left")
 
 
-def asked(what: str) -> Pending:
-    return Pending(what, requests=3, asked=5.0, reply=lambda _: None)
+def asked(what: str) -> PendingRequest:
+    return PendingRequest(what, requests=3, asked=5.0, reply=lambda _: None)
 
 
-def with_drive(index: int, **changes: object) -> Status:
+def with_drive(index: int, **changes: object) -> MasterStatus:
     drives = list(DRIVES)
     drives[index] = replace(drives[index], **changes)
     return replace(READY, drives=tuple(drives))
@@ -74,7 +74,7 @@ def test_enable_is_true_only_of_enabled_drives() -> None:
 def test_what_is_in_the_way_names_motor_node_and_trouble() -> None:
     assert obstacles(READY) == ""
     assert "back_right (node 3): overheated" in obstacles(with_drive(2, trouble="overheated"))
-    assert "front_left (node 2): not heard" in obstacles(with_drive(1, stage=Stage.SEEKING))
+    assert "front_left (node 2): not heard" in obstacles(with_drive(1, stage=SetupStage.SEEKING))
     assert obstacles(replace(READY, refusal="608Fh differs")) == "608Fh differs"
     down = replace(READY, bus=BusStatus(BusState.DOWN, 0.0, None, None, "vcan0 is down"))
     assert "vcan0 is down" in obstacles(down)
@@ -84,17 +84,17 @@ def test_what_is_in_the_way_names_motor_node_and_trouble() -> None:
     ("status", "levels"),
     [
         (READY, [OK] * 6),
-        (with_drive(0, stage=Stage.SEEKING, state=None, heartbeat_age=math.inf), [OK, OK, STALE, OK, OK, OK]),
-        (with_drive(3, state=State.FAULT, emergency="2310h over-current"), [OK, OK, OK, OK, OK, ERROR]),
+        (with_drive(0, stage=SetupStage.SEEKING, state=None, heartbeat_age=math.inf), [OK, OK, STALE, OK, OK, OK]),
+        (with_drive(3, state=DriveState.FAULT, emergency="2310h over-current"), [OK, OK, OK, OK, OK, ERROR]),
         (with_drive(1, trouble="a second node has the id 2"), [OK, OK, OK, ERROR, OK, OK]),
-        (with_drive(1, stage=Stage.CHECKING), [OK, OK, OK, WARN, OK, OK]),
+        (with_drive(1, stage=SetupStage.CHECKING), [OK, OK, OK, WARN, OK, OK]),
         (with_drive(2, statusword=0xC0), [OK, OK, OK, OK, WARN, OK]),
         (with_drive(2, statusword=0x0C37), [OK, OK, OK, OK, WARN, OK]),
         (with_drive(0, remark="another revision"), [OK, OK, WARN, OK, OK, OK]),
         (replace(READY, stop=STOP), [ERROR, OK, OK, OK, OK, OK]),
-        (replace(READY, stop=replace(STOP, reason=Reason.DISABLE)), [OK, OK, OK, OK, OK, OK]),
+        (replace(READY, stop=replace(STOP, reason=StopReason.DISABLE)), [OK, OK, OK, OK, OK, OK]),
         (
-            replace(READY, phase=Phase.CONFIGURING, stop=replace(STOP, reason=Reason.DISABLE)),
+            replace(READY, phase=Phase.CONFIGURING, stop=replace(STOP, reason=StopReason.DISABLE)),
             [WARN, OK, OK, OK, OK, OK],
         ),
         (replace(READY, phase=Phase.LISTENING), [WARN, OK, OK, OK, OK, OK]),
@@ -106,7 +106,7 @@ def test_what_is_in_the_way_names_motor_node_and_trouble() -> None:
         ),
     ],
 )
-def test_levels_of_diagnostics(status: Status, levels: list[bytes]) -> None:
+def test_levels_of_diagnostics(status: MasterStatus, levels: list[bytes]) -> None:
     message = diagnostics(1, CONFIG, Identity("agriq"), status, {"kappa": 0.8})
     assert [each.name for each in message.status] == [f"artibot driver: {n}" for n in ("driver", "bus", *MOTORS)]
     assert [each.level for each in message.status] == levels
@@ -166,16 +166,16 @@ def test_supply_and_limit_are_told_by_the_statusword(word: int, supply: bool, li
 
 
 def test_news_is_what_a_person_would_want_to_know() -> None:
-    def told(status: Status | None, load: float = 0.0, fault: str = "") -> object:
+    def told(status: MasterStatus | None, load: float = 0.0, fault: str = "") -> object:
         return essence(diagnostics(1, CONFIG, Identity("agriq"), status, {"load": load}, fault))
 
     assert told(READY) == told(READY, 1.0), "numbers that always change are none"
     assert told(READY) != told(replace(READY, phase=Phase.ENABLED))
-    assert told(READY) != told(with_drive(0, state=State.FAULT))
+    assert told(READY) != told(with_drive(0, state=DriveState.FAULT))
     assert told(None) != told(None, fault="no bus")
 
 
-def looked(auto_enable: AutoEnable, status: Status, now: float) -> tuple[bool, str]:
+def looked(auto_enable: AutoEnable, status: MasterStatus, now: float) -> tuple[bool, str]:
     return auto_enable.check(status, now)
 
 
@@ -198,7 +198,7 @@ def test_enable_on_start_enables_once() -> None:
     ],
 )
 def test_enable_on_start_lapses_after_a_while_or_when_something_has_happened(
-    status: Status, after: float, why: str
+    status: MasterStatus, after: float, why: str
 ) -> None:
     auto_enable = AutoEnable()
     auto_enable.begin(5.0)

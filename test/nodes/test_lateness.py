@@ -17,8 +17,8 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
-from artibot_sim.nodes.common.arbiter import TOPICS, Rules, Source
-from artibot_sim.nodes.common.inputs import MEMORY, Inputs, Lateness
+from artibot_sim.nodes.common.arbiter import TOPICS, CommandSource, Rules
+from artibot_sim.nodes.common.inputs import MEMORY, CommandInputs, Lateness
 from ros_helpers import spin_until
 
 MS = 1_000_000
@@ -75,26 +75,26 @@ def ear(ros_context: Context) -> Iterator[Node]:
     node.destroy_node()
 
 
-def sender(node: Node, source: Source) -> Callable[[], None]:
+def sender(node: Node, source: CommandSource) -> Callable[[], None]:
     """A function that publishes one command that asks for motion."""
-    kind = JointState if source is Source.LIVE else Twist
+    kind = JointState if source is CommandSource.LIVE else Twist
     publisher = node.create_publisher(kind, TOPICS[source], qos_profile_sensor_data)
     spin_until(node, lambda: publisher.get_subscription_count() > 0, 10.0)
     message = kind()
-    if source is Source.LIVE:
+    if source is CommandSource.LIVE:
         message.name, message.velocity = ["front_right", "front_left"], [60.0, 40.0]
     else:
         message.linear.x = 0.3
     return lambda: publisher.publish(message)
 
 
-def decided(inputs: Inputs) -> Source:
+def decided(inputs: CommandInputs) -> CommandSource:
     """Who rules now."""
     inputs.take()
     return inputs.decide(KNOT).source
 
 
-def follows(inputs: Inputs, source: Source, send: Callable[[], None]) -> bool:
+def follows(inputs: CommandInputs, source: CommandSource, send: Callable[[], None]) -> bool:
     """Whether what comes in time is followed, at the latest after some seconds."""
     deadline = time.monotonic() + 10.0
     while time.monotonic() < deadline:
@@ -105,17 +105,17 @@ def follows(inputs: Inputs, source: Source, send: Callable[[], None]) -> bool:
     return False
 
 
-@pytest.mark.parametrize("source", [Source.LIVE, Source.CMD_VEL])
+@pytest.mark.parametrize("source", [CommandSource.LIVE, CommandSource.CMD_VEL])
 @pytest.mark.parametrize("aged", [True, False])
-def test_what_waited_longer_than_the_timeout_moves_nothing(ear: Node, source: Source, aged: bool) -> None:
+def test_what_waited_longer_than_the_timeout_moves_nothing(ear: Node, source: CommandSource, aged: bool) -> None:
     """A real message in a real queue: it was sent, and is heard only when a timeout is over."""
-    inputs = Inputs(ear, RULES, stamped=False, aged=aged)
-    wait = 0.1 + (RULES.command_timeout if source is Source.LIVE else RULES.cmd_vel_timeout)
+    inputs = CommandInputs(ear, RULES, stamped=False, aged=aged)
+    wait = 0.1 + (RULES.command_timeout if source is CommandSource.LIVE else RULES.cmd_vel_timeout)
     send = sender(ear, source)
     assert follows(inputs, source, send)
     send()
     time.sleep(wait)
-    assert decided(inputs) is (Source.NONE if aged else source)
+    assert decided(inputs) is (CommandSource.NONE if aged else source)
     assert inputs.latest >= wait - 0.05 if aged else inputs.latest == 0.0
     assert follows(inputs, source, send)
     inputs.drop((0.0, 0.0))

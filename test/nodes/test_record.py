@@ -380,15 +380,15 @@ def test_definitions_from_message_classes_are_those_of_the_types() -> None:
 
 
 def test_hidden_topics_are_not_everything() -> None:
-    from artibot_sim.nodes.record.recorder import Selection
+    from artibot_sim.nodes.record.recorder import RecordSelection
 
     same: Callable[[str], str] = lambda name: "/" + name.lstrip("/")  # noqa: E731
-    everything = Selection(None, ["/camera/*"], True, same)
+    everything = RecordSelection(None, ["/camera/*"], True, same)
     assert "/odom" in everything
     assert "/_hidden" not in everything
     assert "/a/_action/status" not in everything
     assert "/camera/image" not in everything
-    contract = Selection(None, [], False, same)
+    contract = RecordSelection(None, [], False, same)
     assert "/planned/odom" in contract
     assert "/rosout" not in contract
 

@@ -12,7 +12,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import BagInfo, ChannelInfo
 from artibot_sim.nodes.common.stamps import stamp_of, with_stamp
 from artibot_sim.nodes.replay.selection import INPUTS, Wish, moves_a_rover, select
-from artibot_sim.nodes.replay.source import GAP_NS, RecordedTime, Stretch
+from artibot_sim.nodes.replay.source import GAP_NS, PlayedSpan, RecordedTime
 
 TYPES = {
     "/planned/front_velocity": "trajectory_msgs/msg/JointTrajectory",
@@ -94,7 +94,7 @@ def test_a_stamp_is_all_that_changes(stamp: int, rest: bytes) -> None:
 
 @given(st.integers(1, 10**10), st.lists(st.integers(0, 10**11), min_size=2, max_size=20))
 def test_the_time_of_the_recording_never_goes_back(length: int, instants: list[int]) -> None:
-    stretch = Stretch(5, 5 + length)
+    stretch = PlayedSpan(5, 5 + length)
     time = RecordedTime(Path("run"), stretch, has_clock=False)
     times = [time.at(since) for since in sorted(instants)]
     assert times == sorted(times)

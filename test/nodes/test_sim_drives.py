@@ -16,7 +16,7 @@ from bus_contract import wait_for
 from frame_master import FrameMaster, SetPoints
 
 from artibot_driver.bus import open_bus
-from artibot_driver.cia402 import State, state_of
+from artibot_driver.cia402 import DriveState, state_of
 from artibot_driver.loopback import loopback_bus
 from artibot_driver.rig import load_rig
 from artibot_sim.model import MOTORS, Commands, Mode, load_robot, rollout
@@ -74,7 +74,7 @@ def test_the_drives_turn_the_rover_and_tell_what_its_motors_do(start_node, ros_c
         assert not probe.node.get_subscriptions_info_by_topic(topic), "the driver listens, not the simulator"
     with mastered(channel) as master:
         master.set_up()
-        master.lead_to(State.OPERATION_ENABLED)
+        master.lead_to(DriveState.OPERATION_ENABLED)
         begin = {motor: master.si(motor, "position") for motor in MOTORS}
         master.run(4.0, lambda t: bend(t, master))
         turned = {motor: master.si(motor, "position") - begin[motor] for motor in MOTORS}
@@ -119,12 +119,12 @@ def test_a_master_that_falls_silent_stops_the_rover_and_a_reset_switches_the_dri
     probe.until(lambda: all(probe.got.values()), "the simulator's topics")
     with mastered(channel) as master:
         master.set_up()
-        master.lead_to(State.OPERATION_ENABLED)
+        master.lead_to(DriveState.OPERATION_ENABLED)
         master.run(1.5, lambda t: bend(t, master))
         master.beating = False
         master.run(1.0, lambda t: bend(1.5, master))
         for motor in MOTORS:
-            assert state_of(master.access(motor, 0x6041)) is State.FAULT
+            assert state_of(master.access(motor, 0x6041)) is DriveState.FAULT
         assert {code for _, code in master.emergencies} == {0x8130}
         listen_up(probe)
         assert abs(probe.speed()) < 0.02
@@ -132,7 +132,7 @@ def test_a_master_that_falls_silent_stops_the_rover_and_a_reset_switches_the_dri
 
         master.beating = True
         master.set_up()
-        master.lead_to(State.OPERATION_ENABLED, reset_faults=True)
+        master.lead_to(DriveState.OPERATION_ENABLED, reset_faults=True)
         master.run(1.5, lambda t: bend(t, master))
         before = {motor: master.fields[motor]["position_actual_value"] for motor in MOTORS}
         answer = probe.trigger("reset")
@@ -141,7 +141,7 @@ def test_a_master_that_falls_silent_stops_the_rover_and_a_reset_switches_the_dri
         master.set_up()
         master.run(0.5, lambda t: bend(1.0, master))  # targets and control words of before: nobody has enabled anew
         after = {motor: master.fields[motor]["position_actual_value"] for motor in MOTORS}
-        assert all(master.state(motor) is not State.OPERATION_ENABLED for motor in MOTORS)
+        assert all(master.state(motor) is not DriveState.OPERATION_ENABLED for motor in MOTORS)
         for motor in MOTORS:  # counted on: at 0.5 m/s 20 ms of motion are some 1600 increments
             assert abs(after[motor] - before[motor]) < 5000
     listen_up(probe)

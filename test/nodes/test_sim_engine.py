@@ -16,18 +16,18 @@ from artibot_sim.experiment.rollout_bag import rollout_columns
 from artibot_sim.model import Commands, initial_state, load_robot, rollout
 from artibot_sim.model.simulate.commands import as_executed
 from artibot_sim.model.simulate.motion import joint_motion
-from artibot_sim.nodes.common.arbiter import NAN_PAIR, Decision, Source
+from artibot_sim.nodes.common.arbiter import NAN_PAIR, CommandSource, PeriodCommands
 from artibot_sim.nodes.common.rotations import quaternion, rotation
-from artibot_sim.nodes.sim.engine import Diverged, Engine, Sample, Start, Timing
-from artibot_sim.nodes.sim.sensors import SensorModel, Sensors
+from artibot_sim.nodes.sim.engine import Diverged, Engine, Periods, StartPose, TrueState
+from artibot_sim.nodes.sim.sensors import SensorModel, SimulatedSensors
 
 AGRIQ = load_robot("agriq")
 METRES = AGRIQ.wheel.r_w * AGRIQ.drive.front.tau
-TIMING = Timing.of(100.0, 1e-3)
+TIMING = Periods.of(100.0, 1e-3)
 angles = st.floats(-1.0, 1.0)
 
 
-def driven(seconds: float, timing: Timing = TIMING) -> tuple[np.ndarray, np.ndarray]:
+def driven(seconds: float, timing: Periods = TIMING) -> tuple[np.ndarray, np.ndarray]:
     """Velocity and rotation of both front motors at the knots: a bend with a smooth beginning."""
     t = np.arange(round(seconds * 1e9 / timing.knot_ns) + 1) * timing.knot_ns * 1e-9
     shape = np.where(t < 1.0, 3 * t**2 - 2 * t**3, 1.0)
@@ -36,15 +36,17 @@ def driven(seconds: float, timing: Timing = TIMING) -> tuple[np.ndarray, np.ndar
     return velocity, np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])
 
 
-def decisions(velocity: np.ndarray, position: np.ndarray, knots: int = 1) -> list[Decision]:
+def decisions(velocity: np.ndarray, position: np.ndarray, knots: int = 1) -> list[PeriodCommands]:
     pairs, places = list(map(tuple, velocity)), list(map(tuple, position))
     return [
-        Decision(tuple(pairs[i : i + knots + 1]), tuple(places[i : i + knots + 1]), NAN_PAIR, Source.PROFILE)
+        PeriodCommands(
+            tuple(pairs[i : i + knots + 1]), tuple(places[i : i + knots + 1]), NAN_PAIR, CommandSource.PROFILE
+        )
         for i in range(0, len(pairs) - 1, knots)
     ]
 
 
-def drive(engine: Engine, velocity: np.ndarray, position: np.ndarray, kappa: float = 0.8) -> list[Sample]:
+def drive(engine: Engine, velocity: np.ndarray, position: np.ndarray, kappa: float = 0.8) -> list[TrueState]:
     return [engine.step(decision, kappa) for decision in decisions(velocity, position, engine.timing.knots)]
 
 
@@ -57,7 +59,7 @@ def long_run(velocity: np.ndarray, position: np.ndarray, spacing: float, every: 
 @pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
 def test_period_by_period_is_one_long_rollout_to_the_bit(integrator: str) -> None:
     velocity, position = driven(3.0)
-    samples = drive(Engine(AGRIQ, TIMING, Start(), integrator), velocity, position)
+    samples = drive(Engine(AGRIQ, TIMING, StartPose(), integrator), velocity, position)
     whole = long_run(velocity, position, 0.01, integrator=integrator)
     for name in ("motor_position", "motor_velocity", "motor_torque", "twist"):
         together = np.array([getattr(sample, name) for sample in samples])
@@ -67,7 +69,7 @@ def test_period_by_period_is_one_long_rollout_to_the_bit(integrator: str) -> Non
 
 
 def test_the_articulation_is_that_of_a_recorded_rollout_when_a_module_rolls_and_pitches() -> None:
-    engine = Engine(AGRIQ, TIMING, Start(articulation_yaw=0.4))
+    engine = Engine(AGRIQ, TIMING, StartPose(articulation_yaw=0.4))
     tossed = engine.state.v.copy()
     tossed[[3, 4]] = 0.3, 0.1  # rates of the front module's roll and pitch, rad/s
     start = engine.state = replace(engine.state, v=tossed)
@@ -86,10 +88,10 @@ def test_the_articulation_is_that_of_a_recorded_rollout_when_a_module_rolls_and_
 
 
 def test_a_slower_publication_keeps_the_knots_fine() -> None:
-    timing = Timing.of(20.0, 1e-3)
+    timing = Periods.of(20.0, 1e-3)
     assert (timing.knots, timing.knot_ns) == (5, 10_000_000)
     velocity, position = driven(2.0)
-    samples = drive(Engine(AGRIQ, timing, Start()), velocity, position)
+    samples = drive(Engine(AGRIQ, timing, StartPose()), velocity, position)
     whole = long_run(velocity, position, 0.01, every=50)
     np.testing.assert_array_equal([sample.position for sample in samples], whole.q[:-1, :3])
 
@@ -97,18 +99,18 @@ def test_a_slower_publication_keeps_the_knots_fine() -> None:
 @pytest.mark.parametrize(("rate", "dt"), [(100.0, 0.003), (100.0, 0.02), (30.0, 0.001), (1000.0, 1e-10)])
 def test_steps_that_do_not_fit_are_refused(rate: float, dt: float) -> None:
     with pytest.raises(ArtibotError, match="dt"):
-        Timing.of(rate, dt)
+        Periods.of(rate, dt)
 
 
 @given(rate=st.sampled_from([1.0, 10.0, 25.0, 50.0, 100.0, 125.0, 200.0, 500.0, 1000.0]))
 def test_periods_are_whole_knots_of_whole_steps(rate: float) -> None:
-    timing = Timing.of(rate, 1e-3)
+    timing = Periods.of(rate, 1e-3)
     assert timing.knots * timing.knot_ns == timing.period_ns == round(1e9 / rate)
     assert timing.knot_ns % timing.dt_ns == 0 and timing.knot_ns <= 10_000_000
 
 
 def test_reset_is_the_start_at_rest_and_runs_on_like_the_first_time() -> None:
-    start = Start(1.0, -2.0, 0.7, 0.3)
+    start = StartPose(1.0, -2.0, 0.7, 0.3)
     engine = Engine(AGRIQ, TIMING, start)
     velocity, position = driven(1.5)
     first = drive(engine, velocity, position)
@@ -122,8 +124,8 @@ def test_reset_is_the_start_at_rest_and_runs_on_like_the_first_time() -> None:
 
 
 def test_divergence_is_said_and_leaves_no_nan() -> None:
-    engine = Engine(AGRIQ, TIMING, Start())
-    far = Decision(((0.0, 0.0), (1e9, 1e9)), ((0.0, 0.0), (1e7, 1e7)), NAN_PAIR, Source.LIVE)
+    engine = Engine(AGRIQ, TIMING, StartPose())
+    far = PeriodCommands(((0.0, 0.0), (1e9, 1e9)), ((0.0, 0.0), (1e7, 1e7)), NAN_PAIR, CommandSource.LIVE)
     with pytest.raises(Diverged, match="diverged"):
         for _ in range(100):
             engine.step(far, 0.8)
@@ -133,7 +135,9 @@ def test_divergence_is_said_and_leaves_no_nan() -> None:
 def test_driven_front_motors_fall_behind_at_their_torque_limit() -> None:
     weak = AGRIQ.replace({"drive.front.torque_max": 0.05})
     velocity, position = driven(2.0)
-    held, led = (drive(Engine(robot, TIMING, Start(), driven=True), velocity, position)[-1] for robot in (weak, AGRIQ))
+    held, led = (
+        drive(Engine(robot, TIMING, StartPose(), driven=True), velocity, position)[-1] for robot in (weak, AGRIQ)
+    )
     assert abs(held.motor_torque[:2]).max() <= 0.05
     assert held.motor_velocity[0] < 0.8 * velocity[-1, 0]
     assert led.motor_velocity[0] == pytest.approx(velocity[-1, 0], rel=0.1)
@@ -141,7 +145,7 @@ def test_driven_front_motors_fall_behind_at_their_torque_limit() -> None:
 
 def test_at_rest_an_accelerometer_feels_gravity_and_on_a_bend_the_centre() -> None:
     velocity, position = driven(4.0)
-    samples = drive(Engine(AGRIQ, TIMING, Start()), velocity, position)
+    samples = drive(Engine(AGRIQ, TIMING, StartPose()), velocity, position)
     np.testing.assert_allclose(samples[0].acceleration, [0, 0, 9.81], atol=1e-6)
     late = np.mean([sample.acceleration for sample in samples[-20:]], axis=0)
     forward, _, yaw_rate = samples[-1].twist
@@ -160,7 +164,7 @@ def test_quaternion_and_matrix_are_the_same_rotation(roll: float, pitch: float, 
 
 
 def test_ideal_sensors_pass_the_truth_through_to_the_bit() -> None:
-    sensors = Sensors(SensorModel(), 3)
+    sensors = SimulatedSensors(SensorModel(), 3)
     values = np.array([0.1, -2.0, 3.0, 4.0])
     for read in (sensors.encoders, sensors.torques, sensors.articulation):
         np.testing.assert_array_equal(read(values), values)
@@ -175,7 +179,7 @@ NOISY = SensorModel(2048, 0.25, 0.02, 0.01, 0.002, 0.004, 0.001, 0.05, 0.0035, 0
 
 
 def readings(seed: int, model: SensorModel = NOISY, n: int = 4000) -> dict[str, np.ndarray]:
-    sensors = Sensors(model, seed)
+    sensors = SimulatedSensors(model, seed)
     truth = np.array([10.0, -20.0, 0.5, 0.0])
     station = [sensors.station(sensors.follow(0, np.zeros(3), np.eye(3))) for _ in range(n)]
     return {
@@ -210,7 +214,7 @@ def test_same_seed_same_noise_and_other_sensors_do_not_matter() -> None:
 @given(st.floats(-1e4, 1e4))
 def test_encoders_count_whole_counts(position: float) -> None:
     count = 2 * math.pi / 2048
-    found = Sensors(NOISY, 0).encoders(np.array([position]))[0]
+    found = SimulatedSensors(NOISY, 0).encoders(np.array([position]))[0]
     assert abs(found - position) <= count * 0.5001
     assert found / count == pytest.approx(round(found / count), abs=1e-6)
 
@@ -249,7 +253,7 @@ def test_a_rover_with_effects_is_one_long_rollout_too() -> None:
     }
     robot = replace(AGRIQ, effects=effects)
     velocity, position = driven(2.0)
-    samples = drive(Engine(robot, TIMING, Start()), velocity, position)
+    samples = drive(Engine(robot, TIMING, StartPose()), velocity, position)
     absent = np.full_like(velocity, np.nan)
     commands = Commands(0.01, np.hstack([velocity, absent]), position=np.hstack([position, absent]))
     whole = rollout(robot, as_executed(robot, commands), kappa=0.8)

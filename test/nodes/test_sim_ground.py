@@ -8,9 +8,9 @@ from nodes.test_sim_engine import AGRIQ, TIMING, drive, driven, long_run
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Ground, Status, initial_state, random_ground
-from artibot_sim.model.simulate.stepper import Stepper, Turn
+from artibot_sim.model.simulate.stepper import MotorCommand, Stepper
 from artibot_sim.nodes.sim import parameters
-from artibot_sim.nodes.sim.engine import Diverged, Engine, Start
+from artibot_sim.nodes.sim.engine import Diverged, Engine, StartPose
 
 PLANE = Ground(0.2 * np.linspace(-4.0, 4.0, 81) + np.zeros((81, 1)), 0.1, -4.0, -4.0)
 """It rises along x, 11 degrees."""
@@ -18,7 +18,7 @@ PLANE = Ground(0.2 * np.linspace(-4.0, 4.0, 81) + np.zeros((81, 1)), 0.1, -4.0, 
 
 def test_period_by_period_is_one_long_rollout_over_the_ground() -> None:
     ground, (velocity, position) = random_ground(2, size=12.8), driven(2.0)
-    samples = drive(Engine(AGRIQ, TIMING, Start(), ground=ground), velocity, position)
+    samples = drive(Engine(AGRIQ, TIMING, StartPose(), ground=ground), velocity, position)
     whole = long_run(velocity, position, 0.01, ground=ground)
     np.testing.assert_array_equal([sample.position for sample in samples], whole.q[:-1, :3])
     np.testing.assert_array_equal([sample.rpy for sample in samples], whole.q[:-1, 3:6])
@@ -26,7 +26,7 @@ def test_period_by_period_is_one_long_rollout_over_the_ground() -> None:
 
 
 def test_an_imu_at_rest_on_a_slope_feels_gravity_in_its_own_frame() -> None:
-    engine = Engine(AGRIQ, TIMING, Start(yaw=0.0), ground=PLANE)
+    engine = Engine(AGRIQ, TIMING, StartPose(yaw=0.0), ground=PLANE)
     sample = drive(engine, np.zeros((3, 2)), np.zeros((3, 2)))[0]
     slope = np.arctan(0.2)
     assert sample.rpy[1] == pytest.approx(-slope)
@@ -34,14 +34,14 @@ def test_an_imu_at_rest_on_a_slope_feels_gravity_in_its_own_frame() -> None:
 
 
 def test_driving_uphill_is_forward_alone_in_the_module_s_frame() -> None:
-    samples = drive(Engine(AGRIQ, TIMING, Start(), ground=PLANE), *driven(2.0))
+    samples = drive(Engine(AGRIQ, TIMING, StartPose(), ground=PLANE), *driven(2.0))
     forward, _, up = samples[-1].velocity
     assert forward > 0.3 and abs(up) < 0.02 * forward
     assert samples[-1].twist[0] == pytest.approx(forward * np.cos(np.arctan(0.2)), rel=1e-2)
 
 
 def test_the_end_of_the_ground_ends_the_simulation_with_its_reason() -> None:
-    engine = Engine(AGRIQ, TIMING, Start(x=3.4), ground=PLANE)
+    engine = Engine(AGRIQ, TIMING, StartPose(x=3.4), ground=PLANE)
     with pytest.raises(Diverged, match="where the ground 'ground' ends"):
         drive(engine, *driven(4.0))
 
@@ -50,7 +50,7 @@ def test_motors_turned_slice_by_slice_drive_over_the_same_ground() -> None:
     ground = random_ground(2, size=12.8)
     stepper = Stepper(AGRIQ, ground=ground)
     np.testing.assert_array_equal(stepper.q, initial_state(AGRIQ, ground=ground).q)
-    turn = Turn((60.0, 60.0), 0.0, 5.0)
+    turn = MotorCommand((60.0, 60.0), 0.0, 5.0)
     for _ in range(100):
         assert stepper.advance(10, (turn,) * 4) is Status.OK
     assert stepper.q[0] > 0.1 and np.abs(stepper.q[[3, 4]]).max() > 1e-3

@@ -16,14 +16,14 @@ from artibot_sim.model import load_robot, save_robot
 from artibot_sim.model.robot.parameters import SensorErrors
 from artibot_sim.nodes.common.rotations import rotation
 from artibot_sim.nodes.drives.motors import RoverShafts
-from artibot_sim.nodes.sim.engine import Start, Timing
-from artibot_sim.nodes.sim.sensors import SensorModel, Sensors
+from artibot_sim.nodes.sim.engine import Periods, StartPose
+from artibot_sim.nodes.sim.sensors import SensorModel, SimulatedSensors
 
 ERRORS = SensorErrors(1.02, 0.85, 0.12, -0.08, 0.12, -0.01)
 
 
 def test_errors_of_the_robot_come_before_those_of_the_sensors() -> None:
-    sensors = Sensors(SensorModel(encoder_counts=2048, gyro_bias=0.003), 0, ERRORS)
+    sensors = SimulatedSensors(SensorModel(encoder_counts=2048, gyro_bias=0.003), 0, ERRORS)
     angle, count = np.array([10.0, -3.0]), 2 * math.pi / 2048
     np.testing.assert_allclose(sensors.encoders(angle), np.round(1.02 * angle / count) * count)
     np.testing.assert_allclose(sensors.velocities(0, angle), 1.02 * angle)
@@ -33,7 +33,7 @@ def test_errors_of_the_robot_come_before_those_of_the_sensors() -> None:
 
 def test_velocities_are_smoothed_as_by_a_low_pass() -> None:
     """A ramp comes out late by the time constant; a clock that is set back begins anew."""
-    sensors = Sensors(SensorModel(), 0, SensorErrors(encoder_scale=1.02, velocity_filter=0.05))
+    sensors = SimulatedSensors(SensorModel(), 0, SensorErrors(encoder_scale=1.02, velocity_filter=0.05))
     shown = [sensors.velocities(round(1e7 * k), np.array([3.0 * 0.01 * k]))[0] for k in range(200)]
     t = 0.01 * np.arange(200)
     np.testing.assert_allclose(shown, 1.02 * 3.0 * (t - 0.05 * (1.0 - np.exp(-t / 0.05))), atol=1e-12)
@@ -41,7 +41,7 @@ def test_velocities_are_smoothed_as_by_a_low_pass() -> None:
 
 
 def test_the_prism_is_seen_late_and_off_the_origin() -> None:
-    sensors = Sensors(SensorModel(prism=(0.1, 0.0, 0.5)), 0, ERRORS)
+    sensors = SimulatedSensors(SensorModel(prism=(0.1, 0.0, 0.5)), 0, ERRORS)
 
     def at(t: float) -> tuple[np.ndarray, np.ndarray]:
         return np.array([0.5 * t, 0.1 * t, 0.0]), rotation(0.0, 0.0, 0.4 * t)
@@ -54,7 +54,7 @@ def test_the_prism_is_seen_late_and_off_the_origin() -> None:
 
 
 def test_a_delay_between_two_publications_is_interpolated() -> None:
-    sensors = Sensors(SensorModel(), 0, SensorErrors(delay=0.025))
+    sensors = SimulatedSensors(SensorModel(), 0, SensorErrors(delay=0.025))
     for k in range(20):
         seen = sensors.follow(k * 10_000_000, np.array([0.01 * k, 0.0, 0.0]), np.eye(3))
     assert seen[0] == pytest.approx(0.19 - 0.025)
@@ -62,7 +62,7 @@ def test_a_delay_between_two_publications_is_interpolated() -> None:
 
 def test_drives_measure_what_encoders_turn() -> None:
     robot = replace(load_robot("agriq"), effects={"encoder_scale": {"scale": 1.02}})
-    shafts = RoverShafts(robot, Timing.of(100.0, 1e-3), Start())
+    shafts = RoverShafts(robot, Periods.of(100.0, 1e-3), StartPose())
     for motor in shafts.shafts.values():
         motor.command(ShaftCommand(20.0, None, 2.0))
     shafts.advance(200)

@@ -25,11 +25,11 @@ from artibot_sim.estimation.odometry import Odometry, Slip, metres_per_radian
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.nodes.common import transforms
 from artibot_sim.nodes.common.rotations import rotation
-from artibot_sim.nodes.common.transforms import Frames
+from artibot_sim.nodes.common.transforms import FrameNames
 from artibot_sim.nodes.driver import publishers
-from artibot_sim.nodes.sim.engine import Engine, Sample, Start, Timing
+from artibot_sim.nodes.sim.engine import Engine, Periods, StartPose, TrueState
 from artibot_sim.nodes.sim.publishers import Published, Publishers
-from artibot_sim.nodes.sim.sensors import SensorModel, Sensors
+from artibot_sim.nodes.sim.sensors import SensorModel, SimulatedSensors
 from artibot_sim.nodes.sim.transforms import corrected
 from ros_helpers import spin_until
 
@@ -79,18 +79,18 @@ def tree(sent: list[Any], stamp: int | None = None) -> Tree:
     return {pair: found for t, pair, found in sent if stamp is None or t == stamp}
 
 
-def published(with_driver: bool = False, frames: Frames | None = None) -> Published:
-    return Published(False, False, with_driver, True, False, False, frames or Frames(), 0.0, 0.0)
+def published(with_driver: bool = False, frames: FrameNames | None = None) -> Published:
+    return Published(False, False, with_driver, True, False, False, frames or FrameNames(), 0.0, 0.0)
 
 
-def sample_at(robot: Robot, x: float, y: float, yaw: float, bend: float) -> Sample:
+def sample_at(robot: Robot, x: float, y: float, yaw: float, bend: float) -> TrueState:
     """The truth of a rover that stands tilted a little."""
-    q = Engine(robot, Timing.of(100.0, 1e-3), Start(x, y, yaw, bend)).state.q.copy()
+    q = Engine(robot, Periods.of(100.0, 1e-3), StartPose(x, y, yaw, bend)).state.q.copy()
     q[3:5] = 0.03, -0.05
     none = np.zeros(4)
     articulation = np.array([[bend, 0.0], [0.0, 0.0]]) if robot.articulated else np.zeros((2, 2))
     still = np.zeros(3)
-    return Sample(q[:3], q[3:6], (0.0, 0.0, 0.0), still, still, still, none, none, none, articulation, (0.0, 0.0))
+    return TrueState(q[:3], q[3:6], (0.0, 0.0, 0.0), still, still, still, none, none, none, articulation, (0.0, 0.0))
 
 
 def test_the_chain_ends_at_the_truth_and_odom_says_what_the_odometry_says(ros_context: Any, sent: list[Any]) -> None:
@@ -101,7 +101,7 @@ def test_the_chain_ends_at_the_truth_and_odom_says_what_the_odometry_says(ros_co
     believed = Odometry(metres_per_radian(robot), robot.front.i_y, Slip(0.02, 0.2, 0.06))
     believed.reset(0.9, 2.2, 0.4)
     sample = sample_at(robot, 1.0, 2.0, 0.5, 0.6)
-    out.publish(7_000_000_123, sample, Sensors(SensorModel(), 0), believed, False)
+    out.publish(7_000_000_123, sample, SimulatedSensors(SensorModel(), 0), believed, False)
     spin_until(node, lambda: bool(odoms), what="odom")
     found = tree(sent, 7_000_000_123)
     chain = ["map", "odom", "base_link", "articulation_link", "back_link"]
@@ -151,7 +151,7 @@ def test_with_a_driver_there_is_one_tree_and_the_driver_s_odometry_is_in_it(ros_
     node, other = Node("sim", context=ros_context), Node("driver", context=ros_context)
     sim = Publishers(node, robot, published(with_driver=True))
     driver = publishers.DriverPublishers(other, robot, driver_settings())
-    sensors, believed = Sensors(SensorModel(), 0), Odometry(1.0, 1.0)
+    sensors, believed = SimulatedSensors(SensorModel(), 0), Odometry(1.0, 1.0)
     heard: list[Any] = []
     node.create_subscription(OdometryMessage, "odom", heard.append, 10)
     t, step = 1_000_000_000, 10_000_000
@@ -185,8 +185,10 @@ def test_names_of_frames_have_one_prefix_but_the_map(ros_context: Any, sent: lis
         node = Node("driver", namespace=name, context=ros_context)
         driver = publishers.DriverPublishers(node, robot, driver_settings(frame_prefix=f"{name}/"))
         driver.feedback(feedback(robot, 1, 0.0, 0.0), 0)
-        sim = Publishers(node, robot, published(frames=Frames.of(f"{name}/")))
-        sim.publish(10, sample_at(robot, 0.0, 0.0, 0.0, 0.0), Sensors(SensorModel(), 0), Odometry(1.0, 1.0), False)
+        sim = Publishers(node, robot, published(frames=FrameNames.of(f"{name}/")))
+        sim.publish(
+            10, sample_at(robot, 0.0, 0.0, 0.0, 0.0), SimulatedSensors(SensorModel(), 0), Odometry(1.0, 1.0), False
+        )
     pairs = set(tree(sent))
     for name in ("rover1", "rover2"):
         links = ["map", *(f"{name}/{link}" for link in ("odom", "base_link", "articulation_link", "back_link"))]

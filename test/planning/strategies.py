@@ -15,9 +15,9 @@ from artibot_sim.planning import (
     Eight,
     Manoeuvre,
     Plan,
+    PlanSample,
     Ramp,
     Repeat,
-    Sample,
     Segment,
     Slalom,
     SpeedChirp,
@@ -105,7 +105,7 @@ def of(*segments: Segment, **more: Any) -> Plan:
     return plan(Manoeuvre("test", segments, a_max=A_MAX, **more), AGRIQ)
 
 
-def integral(p: Plan, rate: Callable[[Sample], np.ndarray], cell: float = 0.02) -> tuple[np.ndarray, np.ndarray]:
+def integral(p: Plan, rate: Callable[[PlanSample], np.ndarray], cell: float = 0.02) -> tuple[np.ndarray, np.ndarray]:
     """Times, and the running integral of `rate` (n, width) from 0, by Gauss-Legendre within small cells.
 
     Cells end where segments do; within a segment the motion must be smooth.

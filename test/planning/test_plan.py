@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from planning.strategies import A_MAX, AGRIQ, integral, manoeuvres, number, of, starts
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.planning import Arc, FrontKinematics, Manoeuvre, Ramp, Sample, Segment, Stop, Straight, plan
+from artibot_sim.planning import Arc, FrontKinematics, Manoeuvre, PlanSample, Ramp, Segment, Stop, Straight, plan
 
 MORE = settings(max_examples=25, deadline=None)
 
@@ -28,7 +28,7 @@ def test_motor_rotations_are_the_integral_of_their_velocities(m: Manoeuvre) -> N
 @MORE
 @given(manoeuvres(), starts())
 def test_pose_and_length_are_the_integrals_of_the_twist(m: Manoeuvre, start: tuple[float, float, float]) -> None:
-    def rate(sample: Sample) -> np.ndarray:
+    def rate(sample: PlanSample) -> np.ndarray:
         (v, yaw_rate), yaw = sample.twist.T, sample.pose[:, 2]
         return np.column_stack([v * np.cos(yaw), v * np.sin(yaw), yaw_rate, v, np.abs(v)])
 

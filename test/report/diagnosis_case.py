@@ -13,9 +13,9 @@ from artibot_sim.diagnose.records import (
     ChannelBaseline,
     ChannelGain,
     Comparison,
-    Estimate,
+    EffectEstimate,
+    ErrorSeries,
     NextExperiment,
-    Series,
     Unexplained,
     Verdict,
 )
@@ -82,7 +82,7 @@ def _path(window: Window, residual: np.ndarray) -> np.ndarray:
     return np.column_stack([window.t + window.plan.t[kind == 0], predicted[kind == 0], predicted[kind == 1]])
 
 
-def _series(before: PredictedRecording, after: PredictedRecording) -> dict[str, Series]:
+def _series(before: PredictedRecording, after: PredictedRecording) -> dict[str, ErrorSeries]:
     found = {}
     for c, name in enumerate(CHANNEL_NAMES):
         if name not in before.summary.channels:
@@ -90,7 +90,7 @@ def _series(before: PredictedRecording, after: PredictedRecording) -> dict[str, 
         tables = [_errors(held, c) for held in (before, after)]
         noise = before.summary.channels[name].noise / (np.sqrt(2.0) if name == "position" else 1.0)
         errors = [table[:, 1:] if name == "position" else table[:, 1] for table in tables]
-        found[name] = Series(tables[0][:, 0], errors[0], errors[1], noise)
+        found[name] = ErrorSeries(tables[0][:, 0], errors[0], errors[1], noise)
     return found
 
 
@@ -163,10 +163,10 @@ def _cause(effect: str, values: dict[str, float | str], ties: tuple[str, ...]) -
     parameters = {}
     for name, value in values.items():
         if isinstance(value, str):
-            parameters[name] = Estimate(value)
+            parameters[name] = EffectEstimate(value)
         else:
             unit = getattr(EFFECTS[effect].parameters[name].quantity, "unit", "")
-            parameters[name] = Estimate(value, unit, (value - 0.05 * abs(value), value + 0.05 * abs(value)))
+            parameters[name] = EffectEstimate(value, unit, (value - 0.05 * abs(value), value + 0.05 * abs(value)))
     return Cause(effect, parameters, 41.2, 0.83, ties)
 
 

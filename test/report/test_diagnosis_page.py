@@ -19,8 +19,8 @@ from artibot_sim.diagnose.records import (
     Candidate,
     Cause,
     ChannelBaseline,
+    EffectEstimate,
     ErrorBudget,
-    Estimate,
     Unexplained,
     Varies,
     Verdict,
@@ -84,7 +84,7 @@ def test_causes_that_help_only_together_are_judged_together(named: Diagnosis) ->
 )
 def test_a_tape_tells_an_encoder_scale_from_a_radius(named: Diagnosis, effect: str, rival: str, scale: float) -> None:
     (first, *_) = named.causes
-    alone = Cause(effect, {"scale": Estimate(scale, "-", (0.99 * scale, 1.01 * scale))}, 60.0, 0.8)
+    alone = Cause(effect, {"scale": EffectEstimate(scale, "-", (0.99 * scale, 1.01 * scale))}, 60.0, 0.8)
     tied = replace(alone, ties=(rival,))
     radius = named.robot.wheel.r_w / 1.05
     for verdict, causes in ((Verdict.NAMED, (first, tied)), (Verdict.AMBIGUOUS, (tied,))):
@@ -109,7 +109,9 @@ def test_the_first_sentence_names_cause_size_and_gain(every: dict[Verdict, Diagn
 def test_what_is_sure_is_said_beside_what_ties(every: dict[Verdict, Diagnosis]) -> None:
     """The strongest cause may tie with another effect: the others are no less sure for that."""
     tied = every[Verdict.AMBIGUOUS]
-    sure = replace(tied.causes[0], effect="payload", parameters={"mass": Estimate(4.0, "kg", (3.0, 5.0))}, ties=())
+    sure = replace(
+        tied.causes[0], effect="payload", parameters={"mass": EffectEstimate(4.0, "kg", (3.0, 5.0))}, ties=()
+    )
     both = replace(tied, causes=(*tied.causes, sure))
     said = result.headline(both)
     assert said.startswith("Payload: mass 4.00 kg; and either slope or external force: these recordings cannot tell")
@@ -342,8 +344,8 @@ def with_law(found: Diagnosis) -> Diagnosis:
     law = EFFECTS["force_law"].read(
         {"size": 14.0, "where": "wheels_lateral", "variable": "place", "form": "periodic", "scale": 1.1}, "law"
     )
-    parameters = {name: Estimate(value) for name, value in law.items()}
-    parameters |= {"size": Estimate(14.0, "SI", (13.0, 15.0)), "phase": Estimate(0.4, "rad", (0.3, 0.5))}
+    parameters = {name: EffectEstimate(value) for name, value in law.items()}
+    parameters |= {"size": EffectEstimate(14.0, "SI", (13.0, 15.0)), "phase": EffectEstimate(0.4, "rad", (0.3, 0.5))}
     what = replace(
         found.unexplained, laws={"force_law": parameters}, log10_bayes_factor=120.0, spans={"force_law": (0.0, 2.2)}
     )

@@ -14,8 +14,8 @@ from artibot_sim.report.page import Part, render_frame
 from artibot_sim.report.panels import Line, Panel
 from artibot_sim.report.style import Stroke
 from artibot_sim.report.web import chart
-from artibot_sim.report.windows import Drive, side_by_side
 from artibot_sim.report.windows import Path as Track
+from artibot_sim.report.windows import WindowErrors, side_by_side
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,9 @@ def test_windows_are_ranked_and_begin_alike() -> None:
         points = start + way[:, None] * np.array([np.cos(turn), np.sin(turn)])
         off = points + 0.01 * k * (way / 2.0)[:, None] * np.array([-np.sin(turn), np.cos(turn)])
         stroke = Stroke(style.TRUE)
-        drives.append(Drive(float(k), 0.01 * k, [Track("measured", points, stroke), Track("model", off, stroke)]))
+        drives.append(
+            WindowErrors(float(k), 0.01 * k, [Track("measured", points, stroke), Track("model", off, stroke)])
+        )
     rng.shuffle(drives)
     typical, bad, worst = side_by_side("run", drives)
     for panel, error in ((typical, 0.10), (bad, 0.18), (worst, 0.20)):
@@ -111,8 +113,8 @@ def test_windows_are_ranked_and_begin_alike() -> None:
 
 def test_windows_in_which_the_rover_stands_are_no_typical_ones() -> None:
     rng, stroke = np.random.default_rng(6), Stroke(style.TRUE)
-    drives = [Drive(0.0, 0.3, [Track("measured", np.linspace((0.0, 0.0), (2.0, 0.0), 9), stroke)])]
+    drives = [WindowErrors(0.0, 0.3, [Track("measured", np.linspace((0.0, 0.0), (2.0, 0.0), 9), stroke)])]
     for k in range(20):
-        drives.append(Drive(1.0 + k, 0.01, [Track("measured", 0.005 * rng.standard_normal((9, 2)), stroke)]))
+        drives.append(WindowErrors(1.0 + k, 0.01, [Track("measured", 0.005 * rng.standard_normal((9, 2)), stroke)]))
     (only,) = side_by_side("run", drives)
     assert "30.0 cm" in only.title

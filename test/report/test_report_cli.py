@@ -14,9 +14,9 @@ from artibot_sim.cli import main
 from artibot_sim.identify.result import (
     ChannelFit,
     Estimate,
+    FitStatus,
     Identification,
     Prediction,
-    Status,
     as_text,
     prediction_lines,
 )
@@ -29,10 +29,10 @@ def found() -> Identification:
     prediction = Prediction("run2", 5.0, 7, {"position": fit}, {"position": fit}, {"position": fit}, 12.5, "", {})
     estimate = Estimate(
         "contact.k_l", "k_l", "N s/m", 2650.0, (2600.0, 2700.0), (2610.0, 2690.0), (2600.0, 2700.0), (2900.0, 1160.0),
-        Status.CONVERGED, "a note",
+        FitStatus.CONVERGED, "a note",
     )  # fmt: skip
     return Identification(
-        load_robot("agriq"), (estimate,), [[1.0]], "k_l", Status.CONVERGED, "all identified", ("run0",), 9, 999,  # type: ignore[arg-type]
+        load_robot("agriq"), (estimate,), [[1.0]], "k_l", FitStatus.CONVERGED, "all identified", ("run0",), 9, 999,  # type: ignore[arg-type]
         {"position": fit}, (prediction,), (), ("a remark",), 3.0,
     )  # fmt: skip
 

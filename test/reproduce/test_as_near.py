@@ -9,7 +9,7 @@ import pytest
 
 from artibot_sim.model import load_robot
 from artibot_sim.planning import load_manoeuvre
-from artibot_sim.reproduce.as_near import FAR, FIRST, INFERRED, LENGTHS, Search, differences, epiq
+from artibot_sim.reproduce.as_near import FAR, FIRST, INFERRED, LENGTHS, Table7Search, differences, epiq
 from artibot_sim.reproduce.calibration import overall_length
 from artibot_sim.reproduce.paper import KAPPAS, TABLE_7
 from artibot_sim.reproduce.simulations import drive
@@ -42,7 +42,7 @@ def test_masses_and_lengths_are_those_that_are_stated() -> None:
 
 
 def test_the_worst_number_counts_and_so_do_geometries_beside() -> None:
-    search = Search(tuple(LENGTHS))
+    search = Table7Search(tuple(LENGTHS))
     impossible = SHIPPED | {"r_w": 0.2}
     rows = np.array([[values[name] for name in LENGTHS] for values in (SHIPPED, impossible)])
     cost = search.cost(rows.T)

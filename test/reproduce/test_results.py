@@ -13,7 +13,7 @@ from artibot_sim.reproduce import paper
 from artibot_sim.reproduce.result import (
     CALIBRATED,
     PREDICTED,
-    Comparison,
+    PaperComparison,
     Section,
     Statement,
     comparison_table,
@@ -57,8 +57,8 @@ def test_the_stated_least_kappa_is_that_of_equal_motors() -> None:
     assert back_torque_factor(load_robot("agriq"), paper.KAPPA_MIN) == pytest.approx(0.5, rel=2e-3)  # each of two
 
 
-def compared(ours: float, unit: str = "%", within: float = 2.5, basis: str = CALIBRATED) -> Comparison:
-    return Comparison("x", unit, "Table 0", 5.0, ours, within, basis)
+def compared(ours: float, unit: str = "%", within: float = 2.5, basis: str = CALIBRATED) -> PaperComparison:
+    return PaperComparison("x", unit, "Table 0", 5.0, ours, within, basis)
 
 
 def test_agreement_is_the_difference_and_nothing_else() -> None:
@@ -83,7 +83,7 @@ def test_a_verdict_counts() -> None:
 
 def test_the_papers_table_has_every_number_with_its_sign_and_what_the_paper_states() -> None:
     said = (Statement("in the paper", False, "", "Fig. 10"), Statement("about it", True, ""))
-    off = Comparison("e", "%", "Fig. 9", -5.0, -4.0, 2.0, CALIBRATED, "two metres")
+    off = PaperComparison("e", "%", "Fig. 9", -5.0, -4.0, 2.0, CALIBRATED, "two metres")
     table = the_paper([Section(2, "t", (), (), (off,), said), Section(1, "t", (), (), (compared(6.0, "m"),), ())])
     assert table.rows == (
         ("Fig. 9", "e", "−5.00 %", "−4.00 %", "+1.00 points", "two metres; fitted to it"),

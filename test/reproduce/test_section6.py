@@ -11,7 +11,7 @@ from artibot_sim.model import load_robot
 from artibot_sim.reproduce import paper, section6
 from artibot_sim.reproduce.section6 import odometric_path
 from artibot_sim.reproduce.simulations import (
-    Line,
+    TorqueSpeedLine,
     circle_error,
     line_limited,
     odometric_speed,
@@ -113,15 +113,15 @@ def test_with_front_wheels_that_hold_test_2_is_near_the_papers_model(circles: se
 
 
 def test_a_torque_speed_line_falls_from_stall_to_nothing() -> None:
-    line = Line.through((100.0, 0.6), (200.0, 0.2))
+    line = TorqueSpeedLine.through((100.0, 0.6), (200.0, 0.2))
     assert (line.stall, line.free) == pytest.approx((1.0, 250.0))
     assert [line.limit(speed) for speed in (0.0, 100.0, -200.0, 300.0)] == pytest.approx([1.0, 0.6, 0.2, 0.0])
-    assert Line.through((100.0, 0.2), (200.0, 0.6)).free == math.inf
+    assert TorqueSpeedLine.through((100.0, 0.2), (200.0, 0.6)).free == math.inf
 
 
 def test_motors_within_a_flat_line_do_what_motors_with_one_limit_do() -> None:
     robot = load_robot("agriq")
-    found = line_limited(robot, "test1", Line(0.4, math.inf), 0.8)
+    found = line_limited(robot, "test1", TorqueSpeedLine(0.4, math.inf), 0.8)
     run = torque_limited(robot, "test1", 0.4, 0.8)
     assert found == pytest.approx((run.odometric_radius, run.radius), rel=2e-3)
 

@@ -170,11 +170,11 @@ def test_a_saved_file_plays_in_a_browser_and_asks_for_nothing(page: Browser, tmp
 
 def test_the_page_of_a_recording_has_a_time_slider_that_moves_the_rover(page: Browser, film: Film) -> None:
     need_viser()
-    from artibot_sim.view.server import Player, started, stopped
+    from artibot_sim.view.server import FilmPlayer, started, stopped
 
     server = started(0)
     try:
-        player = Player(server, film)
+        player = FilmPlayer(server, film)
         page._ask("Page.navigate", url=f"http://127.0.0.1:{server.get_port()}")
         page.wait("document.body && document.body.innerText.includes('time (s)')")
         assert page.value("document.body.innerText.includes('slides')")
@@ -196,7 +196,7 @@ def test_the_page_of_a_recording_has_a_time_slider_that_moves_the_rover(page: Br
 def test_a_rover_is_shown_before_its_forces_are_simulated(film: Film) -> None:
     """Paths and poses at once; forces, models and a diagnosis' pushes at the instant that is shown when they come."""
     need_viser()
-    from artibot_sim.view.server import Player, started, stopped
+    from artibot_sim.view.server import FilmPlayer, started, stopped
 
     experiment = read_bag(BAG)
     early = measured_film(experiment, film.robot)
@@ -212,7 +212,7 @@ def test_a_rover_is_shown_before_its_forces_are_simulated(film: Film) -> None:
 
     server = started(0)
     try:
-        player = Player(server, early, more)
+        player = FilmPlayer(server, early, more)
         player.run(lambda: asked.append(1) or len(asked) > 3)
         assert player.film is early and PAPER not in player.scene._modules
         go.set()

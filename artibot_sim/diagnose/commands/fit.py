@@ -26,7 +26,7 @@ from artibot_sim.diagnose.commands.model import (
 from artibot_sim.diagnose.commands.noise import SpeedNoise, noise_in, sensor_noise
 from artibot_sim.diagnose.commands.series import CommandedLevel, level_of, series_of
 from artibot_sim.diagnose.policy import SMALLEST_DEADBAND, SMALLEST_DELAY, SMALLEST_SAG, SMALLEST_SCALE, THRESHOLDS
-from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS, Series, SlowResidual
+from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS, ErrorSeries, SlowResidual
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
 
@@ -574,7 +574,7 @@ class CommandFits:
             value += self.torque_fitter.at(CommandResponse(scale=float(robot.effects.get(SCALE, {}).get("scale", 1.0))))
         return value - self.fit(()).value
 
-    def shown_by(self, robot: Robot) -> tuple[dict[str, CommandedLevel], dict[str, Series]]:
+    def shown_by(self, robot: Robot) -> tuple[dict[str, CommandedLevel], dict[str, ErrorSeries]]:
         """Levels and series: as commanded, and with a robot's effects."""
         response = self._response(robot)
         return self.shown(
@@ -584,7 +584,7 @@ class CommandFits:
 
     def shown(
         self, response: CommandResponse, limit: Limit | None
-    ) -> tuple[dict[str, CommandedLevel], dict[str, Series]]:
+    ) -> tuple[dict[str, CommandedLevel], dict[str, ErrorSeries]]:
         """Levels and series: as commanded, and with a response."""
         series = series_of(self.recordings, response_of(self.robot.effects), response, self.data, limit)
         return {"front_velocity": level_of(series)}, series

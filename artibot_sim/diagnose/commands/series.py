@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.commands.data import GUARD, CommandData, H
 from artibot_sim.diagnose.commands.limit import Limit
 from artibot_sim.diagnose.commands.model import CommandResponse, followed, lagging
-from artibot_sim.diagnose.records import Series
+from artibot_sim.diagnose.records import ErrorSeries
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.inputs import GAP
 from artibot_sim.experiment.smoothing import local_fit, noise_of
@@ -50,7 +50,7 @@ def series_of(
     response: CommandResponse,
     data: CommandData,
     limit: Limit | None,
-) -> dict[str, Series]:
+) -> dict[str, ErrorSeries]:
     """Errors (predicted − measured, rad/s) of both front motors, by recording; NaN where nothing was commanded."""
     found = {}
     for number, recording in enumerate(recordings):
@@ -75,7 +75,7 @@ def series_of(
                 after[_held(data, limit, number, i, motors.t), i] = np.nan
             noise.append(noise_of(motors.t, speed))
         if noise:
-            found[recording.name] = Series(motors.t, before, after, max(float(np.nanmedian(noise)), RESOLUTION))
+            found[recording.name] = ErrorSeries(motors.t, before, after, max(float(np.nanmedian(noise)), RESOLUTION))
     return found
 
 
@@ -112,7 +112,7 @@ def _held(data: CommandData, limit: Limit, recording: int, motor: int, at: Array
     return np.asarray(held[nearest])
 
 
-def level_of(series: Mapping[str, Series]) -> CommandedLevel:
+def level_of(series: Mapping[str, ErrorSeries]) -> CommandedLevel:
     """Of all recordings together."""
     before = np.concatenate([s.before.ravel() for s in series.values()])
     after = np.concatenate([s.after.ravel() for s in series.values()])

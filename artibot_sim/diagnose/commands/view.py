@@ -20,7 +20,7 @@ from artibot_sim.diagnose.commands.model import FILTER, response_of
 from artibot_sim.diagnose.commands.noise import sensor_noise
 from artibot_sim.diagnose.commands.series import CommandedLevel
 from artibot_sim.diagnose.policy import UNFOLLOWED
-from artibot_sim.diagnose.records import Series, SlowResidual
+from artibot_sim.diagnose.records import ErrorSeries, SlowResidual
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
 
@@ -37,7 +37,7 @@ class CommandView:
         Effects that together explain what is plainly there, the largest first.
     levels : mapping of str to CommandedLevel
         ``front_velocity``: how far measured speeds are from commanded ones, and their noise.
-    series : mapping of str to Series
+    series : mapping of str to ErrorSeries
         By recording: errors of the front motors' speeds, (n, 2), as commanded and with `found`.
     followed : bool
         Whether motors do what they are commanded, but for what these effects explain. Otherwise commands say nothing.
@@ -49,7 +49,7 @@ class CommandView:
 
     found: tuple[str, ...] = ()
     levels: Mapping[str, CommandedLevel] = field(default_factory=dict)
-    series: Mapping[str, Series] = field(default_factory=dict)
+    series: Mapping[str, ErrorSeries] = field(default_factory=dict)
     followed: bool = False
     mixing: Mixing | None = None
     encoders: ViewEvidence | None = None
@@ -101,7 +101,7 @@ class CommandView:
         """What a robot's effects leave of the front motors' speeds; None where nothing is commanded and measured."""
         return None if self._work is None else self._work.remainder(robot)
 
-    def for_robot(self, robot: Robot) -> tuple[Mapping[str, CommandedLevel], Mapping[str, Series]]:
+    def for_robot(self, robot: Robot) -> tuple[Mapping[str, CommandedLevel], Mapping[str, ErrorSeries]]:
         """`levels` and `series` with a robot's effects in place of `found`; none where commands are not the motors'."""
         return ({}, {}) if self._work is None or not self.plausible else self._work.shown_by(robot)
 

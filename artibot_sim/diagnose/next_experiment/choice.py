@@ -20,8 +20,8 @@ from artibot_sim.diagnose.next_experiment.simulation import (
     LIBRARY,
     SOIL_SD,
     WINDOW,
-    Entry,
-    Explanation,
+    LibraryManoeuvre,
+    TrialExplanation,
     TriedManoeuvre,
     trial,
 )
@@ -98,7 +98,7 @@ def next_experiment(
     robots: Mapping[str, Robot],
     noise: Mapping[str, float] | None = None,
     *,
-    library: Sequence[Entry] = LIBRARY,
+    library: Sequence[LibraryManoeuvre] = LIBRARY,
 ) -> NextExperiment | None:
     """The cheapest manoeuvre that would distinguish effects that tie; None where there is nothing to distinguish.
 
@@ -109,7 +109,7 @@ def next_experiment(
     noise : mapping of str to float, optional
         Standard deviations of what is measured, by channel (SI); the usual sensors' by default. What is not in it is
         not measured, except motor speeds, which always are.
-    library : sequence of Entry
+    library : sequence of LibraryManoeuvre
 
     Notes
     -----
@@ -123,7 +123,7 @@ def next_experiment(
     levels = {c: v for c, v in (dict(noise) if noise else {c: USUAL[c] for c in _MEASURED}).items() if v > 0.0}
     some = next(iter(robots.values()))
 
-    def worth(entry: Entry, least: float) -> float:
+    def worth(entry: LibraryManoeuvre, least: float) -> float:
         return hardest(robots, entry, levels, _begin(robots, entry), least)
 
     nats, entry = cheapest(library, some, worth)
@@ -132,18 +132,20 @@ def next_experiment(
     return advice(entry, some, _begin(robots, entry), apart, names, nats)
 
 
-def cheapest(library: Sequence[Entry], robot: Robot, nats: Callable[[Entry, float], float]) -> tuple[float, Entry]:
+def cheapest(
+    library: Sequence[LibraryManoeuvre], robot: Robot, nats: Callable[[LibraryManoeuvre, float], float]
+) -> tuple[float, LibraryManoeuvre]:
     """The shortest manoeuvre that is worth enough, else the one that is worth most, and how much that is.
 
     Parameters
     ----------
-    library : sequence of Entry
+    library : sequence of LibraryManoeuvre
     robot : Robot
         That drives it.
     nats : callable
         What a manoeuvre is worth; at less than its second argument it need not be known how much.
     """
-    best: tuple[float, Entry] | None = None
+    best: tuple[float, LibraryManoeuvre] | None = None
     for entry in sorted(library, key=lambda entry: duration(entry, robot)):
         worth = nats(entry, best[0] if best else 0.0)
         if best is None or worth > best[0]:
@@ -155,7 +157,7 @@ def cheapest(library: Sequence[Entry], robot: Robot, nats: Callable[[Entry, floa
 
 
 def advice(
-    entry: Entry, robot: Robot, place: tuple[float, float], apart: str, names: Sequence[str], nats: float
+    entry: LibraryManoeuvre, robot: Robot, place: tuple[float, float], apart: str, names: Sequence[str], nats: float
 ) -> NextExperiment:
     """What to drive, from where, and what that is expected to tell `apart`, by so many nats."""
     where = f", starting at x = {place[0]:.1f} m, y = {place[1]:.1f} m" if place != (0.0, 0.0) else ""
@@ -168,14 +170,14 @@ def advice(
     return NextExperiment(said, entry.name, tuple(names), float(nats))
 
 
-def duration(entry: Entry, robot: Robot) -> float:
+def duration(entry: LibraryManoeuvre, robot: Robot) -> float:
     """How long a manoeuvre takes, s."""
     return plan(entry.manoeuvre, robot).duration
 
 
 def hardest(
     robots: Mapping[str, Robot],
-    entry: Entry,
+    entry: LibraryManoeuvre,
     noise: Mapping[str, float],
     place: tuple[float, float] = (0.0, 0.0),
     least: float = 0.0,
@@ -189,7 +191,7 @@ def hardest(
             return 0.0
         told_apart = by_commands(driven, robots[other], noise)
         if told_apart < min(worst, 1e4):
-            told_apart += Explanation(driven, robots[other], noise).nats()
+            told_apart += TrialExplanation(driven, robots[other], noise).nats()
         worst = min(worst, told_apart)
         if worst <= least:
             break
@@ -235,7 +237,7 @@ def _by_back_torques(driven: TriedManoeuvre, robot: Robot, noise: Mapping[str, f
     return max(sensors.log_likelihood(data, np.zeros(len(data))) - best.value, 0.0)
 
 
-def _begin(robots: Mapping[str, Robot], entry: Entry) -> tuple[float, float]:
+def _begin(robots: Mapping[str, Robot], entry: LibraryManoeuvre) -> tuple[float, float]:
     """Where a manoeuvre begins: before the first place on the ground that an effect is about, else at the origin."""
     for robot in robots.values():
         for values in robot.effects.values():
@@ -261,7 +263,11 @@ _TOPIC_OF = {"yaw_rate": "imu", "articulation_yaw": "joint_states"}
 
 
 def next_for_force(
-    problem: Problem, found: ForceFinding, noise: Mapping[str, float], *, library: Sequence[Entry] = WITH_TURNS
+    problem: Problem,
+    found: ForceFinding,
+    noise: Mapping[str, float],
+    *,
+    library: Sequence[LibraryManoeuvre] = WITH_TURNS,
 ) -> NextExperiment | None:
     """The cheapest manoeuvre that would tell a force from the next best ones.
 
@@ -275,7 +281,7 @@ def next_for_force(
         The force, and what else might be it.
     noise : mapping of str to float
         Standard deviations of what is measured, by channel (SI); what is not in it is not measured.
-    library : sequence of Entry
+    library : sequence of LibraryManoeuvre
 
     Notes
     -----
@@ -289,7 +295,7 @@ def next_for_force(
     robot = problem.parameters.robot_at(found.soil)
     place = _place(problem, first)
 
-    def nats(entry: Entry, _: float) -> float:
+    def nats(entry: LibraryManoeuvre, _: float) -> float:
         return expected(robot, recording(robot, entry, place, noise), first, others, problem.workers)
 
     worth, entry = cheapest(library, robot, nats)
@@ -314,7 +320,9 @@ def rivals(found: ForceFinding) -> list[ForceCandidate]:
     return list(laws.values())[1 : 1 + RIVALS]
 
 
-def recording(robot: Robot, entry: Entry, place: tuple[float, float], noise: Mapping[str, float]) -> Experiment:
+def recording(
+    robot: Robot, entry: LibraryManoeuvre, place: tuple[float, float], noise: Mapping[str, float]
+) -> Experiment:
     """What the sensors of a robot would record on a manoeuvre, begun at a place in `map` (m)."""
     level = USUAL | {channel: sigma for channel, sigma in noise.items() if sigma > 0.0}
     sensors = Noise(

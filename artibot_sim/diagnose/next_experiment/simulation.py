@@ -21,10 +21,9 @@ from artibot_sim.model.effects.base import Choice
 from artibot_sim.model.simulate.commands import as_executed
 from artibot_sim.model.simulate.rollout import integrator_for
 from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors
-from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, Plan, kind_of
+from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, SamplingPlan, kind_of
 from artibot_sim.model.simulate.windows import WindowBatch, window_step
-from artibot_sim.planning import Arc, Dwell, Eight, Manoeuvre, Ramp, Repeat, Segment, Slalom, Stop, Straight, plan
-from artibot_sim.planning import Plan as Planned
+from artibot_sim.planning import Arc, Dwell, Eight, Manoeuvre, Plan, Ramp, Repeat, Segment, Slalom, Stop, Straight, plan
 
 # ----------------------------------------------------------------------
 # Manoeuvres that a next experiment is chosen from: each brings out something else.
@@ -38,7 +37,7 @@ _BLEND = 0.3
 
 
 @dataclass(frozen=True)
-class Entry:
+class LibraryManoeuvre:
     """A manoeuvre of the library.
 
     Attributes
@@ -57,8 +56,8 @@ class Entry:
     yaw: float = 0.0
 
 
-def _entry(name: str, what: str, *segments: Segment, a_max: float = 0.5, yaw: float = 0.0) -> Entry:
-    return Entry(name, what, Manoeuvre(name, (Dwell(0.5), *segments), a_max=a_max, blend=_BLEND), yaw)
+def _entry(name: str, what: str, *segments: Segment, a_max: float = 0.5, yaw: float = 0.0) -> LibraryManoeuvre:
+    return LibraryManoeuvre(name, what, Manoeuvre(name, (Dwell(0.5), *segments), a_max=a_max, blend=_BLEND), yaw)
 
 
 _FORTH_AND_BACK = (
@@ -66,7 +65,7 @@ _FORTH_AND_BACK = (
 )  # fmt: skip
 _BENDS = (Ramp(speed=0.5), Arc(radius=1.8, angle=1.6), Arc(radius=1.8, angle=-1.6), Stop())
 
-LIBRARY: tuple[Entry, ...] = (
+LIBRARY: tuple[LibraryManoeuvre, ...] = (
     _entry("forth_and_back", "2.5 m straight ahead and 2.5 m back", *_FORTH_AND_BACK),
     _entry(
         "forth_and_back_turned", "2.5 m straight ahead and 2.5 m back, headed 90° to the left of the last recordings",
@@ -154,7 +153,7 @@ class TriedManoeuvre:
     """
 
     robot: Robot
-    planned: Planned
+    planned: Plan
     result: Rollout
     channels: tuple[str, ...]
 
@@ -177,7 +176,7 @@ class TriedManoeuvre:
         return np.linspace(0, knots, max(1, round(knots * _KNOT / WINDOW)) + 1).round().astype(np.int64)
 
     @cached_property
-    def plans(self) -> list[Plan]:
+    def plans(self) -> list[SamplingPlan]:
         """When and what is measured in each window."""
         found = []
         for k, (a, b) in enumerate(zip(self.edges[:-1], self.edges[1:], strict=True)):
@@ -187,7 +186,7 @@ class TriedManoeuvre:
                 for name in sampled(self.robot)[channel]:
                     times.append(t)
                     kinds.append(np.full(len(t), kind_of(name)))
-            found.append(Plan(np.concatenate(times), np.concatenate(kinds).astype(np.int64)))
+            found.append(SamplingPlan(np.concatenate(times), np.concatenate(kinds).astype(np.int64)))
         return found
 
     def sigma(self, noise: Mapping[str, float]) -> list[Array]:
@@ -248,7 +247,9 @@ class TriedManoeuvre:
         return Experiment("trial", Path("trial"), {}, 0, channels, ((0.0, float(t[-1])),))
 
 
-def trial(robot: Robot, entry: Entry, place: tuple[float, float], channels: Sequence[str]) -> TriedManoeuvre | None:
+def trial(
+    robot: Robot, entry: LibraryManoeuvre, place: tuple[float, float], channels: Sequence[str]
+) -> TriedManoeuvre | None:
     """A manoeuvre driven by a robot from a place in `map` (m); None where it cannot be simulated."""
     planned = plan(entry.manoeuvre, robot, start=(*place, entry.yaw))
     result = rollout(
@@ -334,7 +335,7 @@ def nuisance_parameters(robot: Robot) -> list[NuisanceParameter]:
 
 
 @dataclass(frozen=True)
-class Explanation:
+class TrialExplanation:
     """A robot that is to explain a trial of another one.
 
     Attributes

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from artibot_sim.diagnose.records import Estimate, SlowResidual, Verdict
+from artibot_sim.diagnose.records import EffectEstimate, SlowResidual, Verdict
 from artibot_sim.diagnose.selection.evidence import CommandEvidence
-from artibot_sim.diagnose.selection.forward import Stage
+from artibot_sim.diagnose.selection.forward import SearchStage
 from artibot_sim.diagnose.selection.per_recording import ByRecording
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
 from artibot_sim.diagnose.unlisted.fitting import FittedLaws
@@ -26,7 +26,7 @@ class Named:
         Log Bayes factor against the model without it, both views together.
     ties : tuple of str
         Effects that explain as much.
-    found : mapping of str to Estimate
+    found : mapping of str to EffectEstimate
         Its parameters where only the view driven by commands sees it; empty where it was fitted with the soil.
     stage : int
         Number of the search that found it; the first one for what only commands show, which takes none.
@@ -35,7 +35,7 @@ class Named:
     effect: str
     nats: float
     ties: tuple[str, ...]
-    found: Mapping[str, Estimate] = field(default_factory=dict)
+    found: Mapping[str, EffectEstimate] = field(default_factory=dict)
     stage: int = 0
 
 
@@ -53,7 +53,7 @@ class Decision:
         The paper's model with its soil identified.
     problem, fit : Problem, Fit
         With all named effects, without laws.
-    stages : tuple of Stage
+    stages : tuple of SearchStage
     other : mapping of str to Other
         What the view driven by commands says of each effect, of the named ones beside each other.
     left : mapping of str to Left
@@ -86,7 +86,7 @@ class Decision:
     neutral_fit: Fit
     problem: Problem
     fit: Fit
-    stages: tuple[Stage, ...]
+    stages: tuple[SearchStage, ...]
     other: Mapping[str, CommandEvidence]
     left: Mapping[str, SlowResidual] = field(default_factory=dict)
     unexplained: ForceFinding | None = None
@@ -141,6 +141,6 @@ class Decision:
         alone = self.by_recording if self.verdict is Verdict.UNEXPLAINED else None
         return alone if alone is not None and alone.sufficient else None
 
-    def stage_of(self, effect: str) -> Stage:
+    def stage_of(self, effect: str) -> SearchStage:
         """The search that found a named effect."""
         return self.stages[next(one.stage for one in self.named if one.effect == effect)]

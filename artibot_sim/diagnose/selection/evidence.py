@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis
 from artibot_sim.diagnose.commands.fit import ViewEvidence
 from artibot_sim.diagnose.commands.view import CommandView
-from artibot_sim.diagnose.records import Estimate
+from artibot_sim.diagnose.records import EffectEstimate
 from artibot_sim.diagnose.selection.joint_fits import Rival
 from artibot_sim.estimation.parameters import SPREAD, Extension
 from artibot_sim.estimation.search import Fit, free_parameters
@@ -32,7 +32,7 @@ class CommandEvidence:
     ----------
     nats : float
         Log Bayes factor.
-    found : mapping of str to Estimate
+    found : mapping of str to EffectEstimate
         Its parameters there.
     excluded_above : mapping of str to float
         Departures from neutral that it excludes, by parameter.
@@ -43,7 +43,7 @@ class CommandEvidence:
     """
 
     nats: float
-    found: Mapping[str, Estimate]
+    found: Mapping[str, EffectEstimate]
     excluded_above: Mapping[str, float] = field(default_factory=dict)
     note: str = ""
     excluded_below: Mapping[str, float] = field(default_factory=dict)
@@ -218,7 +218,7 @@ def _widths(extension: Extension, one: ViewEvidence) -> list[float]:
     return widths
 
 
-def _found(effect: str, one: ViewEvidence) -> Mapping[str, Estimate]:
+def _found(effect: str, one: ViewEvidence) -> Mapping[str, EffectEstimate]:
     found = {}
     for name, value in one.values.items():
         parameter = EFFECTS[effect].parameters[name]
@@ -228,5 +228,5 @@ def _found(effect: str, one: ViewEvidence) -> Mapping[str, Estimate]:
         unseen = np.hypot(_SYSTEMATIC * departure, _FACTOR * value if neutral == 1.0 else 0.0)
         half = _NORMAL * float(np.hypot(one.sd.get(name, 0.0), unseen))
         ends = (float(max(value - half, quantity.low)), float(min(value + half, quantity.high)))
-        found[name] = Estimate(float(value), quantity.unit, ends)
+        found[name] = EffectEstimate(float(value), quantity.unit, ends)
     return found

@@ -42,7 +42,7 @@ Tick = Callable[[], None]
 
 
 @dataclass(frozen=True)
-class Stage:
+class SearchStage:
     """One search for one more effect.
 
     Attributes
@@ -95,7 +95,7 @@ class Stage:
 def stage(
     problem: Problem, fit: Fit, loss: Loss, named: Sequence[str], rounds: Rounds, tick: Tick = lambda: None,
     parts: Checkpoints | None = None, soils: Sequence[Point] = (), asked: Collection[str] = (),
-) -> Stage:  # fmt: skip
+) -> SearchStage:  # fmt: skip
     """Look for one more effect beside those in `problem`.
 
     The baseline is fitted again from the best rivals' soil and starts: what they found there without their effect
@@ -105,7 +105,7 @@ def stage(
     """
     parts = parts or Checkpoints()
 
-    def screened() -> Stage:
+    def screened() -> SearchStage:
         bases = [converged_baseline(problem, loss, point, rounds.few) for point in (fit.point, *soils)]
         in_map = in_common_map(experiments_of(problem.stretches))
         every = hypotheses(problem.parameters.robot, problem.stretches, named)
@@ -114,7 +114,7 @@ def stage(
         trials = [min(each, key=lambda trial: trial.point.cost) for each in beside]
         base, control = min(bases, key=lambda one: one[1].cost)
         trials += discs(base) if in_map else []
-        return Stage(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base)
+        return SearchStage(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base)
 
     begun = parts.once(_name("screened", named), screened)
     return _contested(begun, named, rounds, tick, parts, asked)
@@ -125,8 +125,12 @@ def _name(what: str, named: Sequence[str]) -> str:
 
 
 def thorough(
-    found: Stage, named: Sequence[str], rounds: Rounds, tick: Tick = lambda: None, parts: Checkpoints | None = None
-) -> Stage:
+    found: SearchStage,
+    named: Sequence[str],
+    rounds: Rounds,
+    tick: Tick = lambda: None,
+    parts: Checkpoints | None = None,
+) -> SearchStage:
     """A search in which every effect is fitted, whatever its screening gave, and most of them to the end.
 
     A probe may throw so many windows off their branch that an effect of just its size looks worse than none.
@@ -134,18 +138,23 @@ def thorough(
     base, every = found.base, rounds.for_all(len(found.trials))
     if base is None or not found.trials:
         return found
-    begun = Stage(
+    begun = SearchStage(
         found.trials, (), {}, base.problem, found.fit, base.loss, found.screened, base=base, known=found.known
     )
     return _contested(begun, named, every, tick, parts or Checkpoints())
 
 
 def _contested(
-    begun: Stage, named: Sequence[str], rounds: Rounds, tick: Tick, parts: Checkpoints, asked: Collection[str] = ()
-) -> Stage:
+    begun: SearchStage,
+    named: Sequence[str],
+    rounds: Rounds,
+    tick: Tick,
+    parts: Checkpoints,
+    asked: Collection[str] = (),
+) -> SearchStage:
     """A search whose trials are screened, with the promising ones fitted and judged."""
 
-    def fitted(some: Stage) -> tuple[Stage, list[Rival]]:
+    def fitted(some: SearchStage) -> tuple[SearchStage, list[Rival]]:
         return some, contest(some.trials, some.screened, some.loss, rounds, tick, some.known, asked)
 
     begun, rivals = parts.once(_name("fitted", named), partial(fitted, begun))
@@ -154,7 +163,7 @@ def _contested(
     return parts.once(_name("judged", named), lambda: _judged(begun, rivals, named, rounds, tick))
 
 
-def _judged(begun: Stage, rivals: list[Rival], named: Sequence[str], rounds: Rounds, tick: Tick) -> Stage:
+def _judged(begun: SearchStage, rivals: list[Rival], named: Sequence[str], rounds: Rounds, tick: Tick) -> SearchStage:
     """Rivals and baseline fitted to the end, with the evidence of each."""
     base, problem, loss, known = begun.base, begun.problem, begun.loss, begun.known
     assert base is not None
@@ -175,7 +184,9 @@ def _judged(begun: Stage, rivals: list[Rival], named: Sequence[str], rounds: Rou
         lambda one: evidence(one[0], best, one[1]), list(zip(rivals, excess, strict=True)), problem.workers
     )
     found = {rival.id: one for rival, one in zip(rivals, stated, strict=True)}
-    return Stage(begun.trials, tuple(rivals), found, problem, best, loss, begun.screened, fallen, base, known=known)
+    return SearchStage(
+        begun.trials, tuple(rivals), found, problem, best, loss, begun.screened, fallen, base, known=known
+    )
 
 
 def _with_honest_noise(

@@ -14,7 +14,7 @@ from artibot_sim.diagnose.policy import Thresholds
 from artibot_sim.diagnose.records import Candidate, Verdict
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.evidence import DECADE, CommandEvidence
-from artibot_sim.diagnose.selection.forward import Stage, refusal
+from artibot_sim.diagnose.selection.forward import SearchStage, refusal
 from artibot_sim.estimation.checks.common_map import experiments_of, in_common_map, needed
 from artibot_sim.estimation.parameters import SPREAD, Extension
 from artibot_sim.model.effects import EFFECTS
@@ -142,7 +142,7 @@ def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]
     return tuple(sorted(found, key=lambda c: -c.log10_bayes_factor if np.isfinite(c.log10_bayes_factor) else np.inf))
 
 
-def _refusal(at: Stage, own: Candidate, decision: Decision, thresholds: Thresholds) -> str:
+def _refusal(at: SearchStage, own: Candidate, decision: Decision, thresholds: Thresholds) -> str:
     """Why what gained as much as others are named for is not; empty where it did not."""
     nats = DECADE * own.log10_bayes_factor
     if own.effect not in at.evidence or nats < decision.least:
@@ -162,7 +162,7 @@ def _above(decision: Decision, effect: str, trials: Sequence[Trial], thresholds:
     return {} if last is None else excluded_patch(last, effect, decision.least, thresholds)
 
 
-def _candidate(effect: str, at: Stage) -> Candidate:
+def _candidate(effect: str, at: SearchStage) -> Candidate:
     trials = [trial for trial in at.trials if trial.id == effect]
     rival = next((rival for rival in at.rivals if rival.id == effect), None)
     if rival is not None:

@@ -16,7 +16,7 @@ from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.every_window import EveryWindow
 from artibot_sim.diagnose.selection.evidence import CommandEvidence, Evidence, others, together
-from artibot_sim.diagnose.selection.forward import Stage, refusal, stage, thorough
+from artibot_sim.diagnose.selection.forward import SearchStage, refusal, stage, thorough
 from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds, settled
 from artibot_sim.diagnose.selection.ridge_search import along_earlier_ridges, at_size
 from artibot_sim.diagnose.sizes import sized
@@ -149,7 +149,7 @@ class Naming:
         self._problem, self._fit = self._neutral = self._found.problem, self._found.fit
 
     @property
-    def _found(self) -> Stage:
+    def _found(self) -> SearchStage:
         return self._stages[-1]
 
     @property
@@ -173,10 +173,10 @@ class Naming:
     def _fitted(self) -> list[Named]:
         return [one for one in self._named if not one.found]
 
-    def _weighed(self, found: Stage) -> Stage:
+    def _weighed(self, found: SearchStage) -> SearchStage:
         return replace(found, nats=_nats(found, self._view, self._named))
 
-    def _search_stage(self, problem: Problem, fit: Fit, loss: Loss) -> Stage:
+    def _search_stage(self, problem: Problem, fit: Fit, loss: Loss) -> SearchStage:
         begun = time.perf_counter()
         self._ticks.begin(Task.SEARCH, _search_name(self._names))
         of, soils = self._soils
@@ -295,7 +295,7 @@ class Naming:
         least, thresholds = options.least, options.thresholds
         return best_of(found.evidence, found.nats, self._from_commands, least, thresholds, self._out, found.tried)
 
-    def _repeated_from_better_soil(self, best: Named | None) -> Stage | None:
+    def _repeated_from_better_soil(self, best: Named | None) -> SearchStage | None:
         """The first search once more, where its effects were screened around a soil that was none."""
         found = self._found
         if self._named or self._again or found.fallen <= max(_BETTER, best.nats if best else 0.0):
@@ -305,7 +305,7 @@ class Naming:
             "effects beside a better soil", lambda: self._search_stage(found.problem, found.fit, found.loss)
         )
 
-    def _thorough(self) -> Stage | None:
+    def _thorough(self) -> SearchStage | None:
         """The last search with every effect fitted, once, where nothing is found though more than noise is left."""
         found = self._found
         if self._exhausted or not leaves_more_than_noise(remains(self._problem, self._fit.point)):
@@ -495,7 +495,7 @@ def _views(effect: str) -> tuple[str, ...]:
     return tuple(search.views) if search is not None else ()
 
 
-def _with_effect(problem: Problem, fit: Fit, found: Stage, best: Named, seed: int) -> tuple[Problem, Fit]:
+def _with_effect(problem: Problem, fit: Fit, found: SearchStage, best: Named, seed: int) -> tuple[Problem, Fit]:
     """The model with the effect that was named, as it was fitted, or begun at the size that commands tell."""
     for rival in found.rivals:
         if rival.id == best.effect:
@@ -506,7 +506,7 @@ def _with_effect(problem: Problem, fit: Fit, found: Stage, best: Named, seed: in
 
 
 def _nats(
-    found: Stage, view: CommandView, named: Sequence[Named], of: Collection[str] | None = None
+    found: SearchStage, view: CommandView, named: Sequence[Named], of: Collection[str] | None = None
 ) -> dict[str, float]:
     """Log Bayes factors of what was fitted, all of it or some effects only, from both views."""
     beside = {n.effect: {name: float(f.value) for name, f in n.found.items()} for n in named if n.found}

@@ -14,7 +14,7 @@ from artibot_sim.diagnose.policy import FORCE_PRICE, FORCE_WINDOW
 from artibot_sim.diagnose.sizes import scale_of
 from artibot_sim.diagnose.unlisted.forms import Form, forms, products
 from artibot_sim.diagnose.unlisted.response import KNOTS, Answers, force_scale
-from artibot_sim.diagnose.unlisted.variables import PLACE, SURGE, Acting, Scene
+from artibot_sim.diagnose.unlisted.variables import PLACE, SURGE, ActingForce, Scene
 from artibot_sim.diagnose.words import NOTHING
 from artibot_sim.model import Robot
 from artibot_sim.model.effects.parts import of_pair
@@ -194,7 +194,7 @@ class ForceCandidate:
 
 
 @dataclass(frozen=True)
-class Sums:
+class NormalEquations:
     """Normal equations of the windows for some columns.
 
     Attributes
@@ -244,17 +244,19 @@ class InForce:
         """Values (windows, parts · k, b) of a form's functions."""
         return basis(self.acting, form, self.equations.recording)
 
-    def sums(self, phi: Array) -> Sums:
+    def sums(self, phi: Array) -> NormalEquations:
         """Normal equations of the coefficients of a basis (windows, parts · k, b)."""
         turned = np.ascontiguousarray(phi.transpose(0, 2, 1))
-        return Sums(turned @ (self._matrix @ phi), np.einsum("wji,wj->wi", phi, self._rhs), turned @ self._cross)
+        return NormalEquations(
+            turned @ (self._matrix @ phi), np.einsum("wji,wj->wi", phi, self._rhs), turned @ self._cross
+        )
 
     def left(self) -> Array:
         """What the residuals ask for (windows, parts · k) once everything beside is fitted."""
         return np.asarray(self._rhs - self._cross @ solve(*self.equations.among.whole))
 
 
-def components(acting: Sequence[Acting]) -> Array:
+def components(acting: Sequence[ActingForce]) -> Array:
     """From values of forces at the knots to the components' values, shape (windows, f, parts · k)."""
     windows = acting[0].make.shape[1]
     T = np.zeros((windows, len(acting[0].make), KNOTS, len(acting), KNOTS))
@@ -264,12 +266,12 @@ def components(acting: Sequence[Acting]) -> Array:
     return T.reshape(windows, -1, len(acting) * KNOTS)
 
 
-def basis(acting: Sequence[Acting], form: Form, recording: NDArray[np.int64]) -> Array:
+def basis(acting: Sequence[ActingForce], form: Form, recording: NDArray[np.int64]) -> Array:
     """Values (windows, parts · k, b) of a form's functions."""
     return np.concatenate([form.curve(variable(a, form), recording) for a in acting], axis=1)
 
 
-def variable(acting: Acting, form: Form) -> Array:
+def variable(acting: ActingForce, form: Form) -> Array:
     """What a form takes, shape (windows, k): a variable, or the phase of a wave over the ground; (…, 2) for two."""
     if form.wave is not None:
         x, y = place(acting)
@@ -280,7 +282,7 @@ def variable(acting: Acting, form: Form) -> Array:
     return np.stack([own, acting.follows[form.times]], axis=-1) if form.times else own
 
 
-def place(acting: Acting) -> tuple[Array, Array]:
+def place(acting: ActingForce) -> tuple[Array, Array]:
     """x and y, m: the wheel's own, or the module's."""
     own = "own x" in acting.follows
     return (acting.follows["own x"], acting.follows["own y"]) if own else (acting.follows["x"], acting.follows["y"])
@@ -293,7 +295,7 @@ def solve(matrix: Array, rhs: Array) -> Array:
     return np.asarray(np.linalg.solve(even, (rhs / scale)[..., None])[..., 0] / scale)
 
 
-def judge(equations: Equations, sums: Sums, form: Form, force: str, parts: Sequence[str]) -> ForceCandidate:
+def judge(equations: Equations, sums: NormalEquations, form: Form, force: str, parts: Sequence[str]) -> ForceCandidate:
     """A candidate from its normal equations: what it gains over what is fitted beside alone."""
     beside, b = equations.among, sums.rhs.shape[1]
     matrix, rhs = _joined(sums.matrix.sum(axis=0), sums.cross.sum(axis=0), sums.rhs.sum(axis=0), *beside.whole)
@@ -301,7 +303,7 @@ def judge(equations: Equations, sums: Sums, form: Form, force: str, parts: Seque
     return ForceCandidate(force, tuple(parts), form, 0.5 * (float(rhs @ x) - beside.gain), np.nan, x[:b])
 
 
-def proven(equations: Equations, sums: Sums, across: bool) -> float:
+def proven(equations: Equations, sums: NormalEquations, across: bool) -> float:
     """Nats gained on windows that the coefficients were not fitted to, each window's up to ± `FORCE_WINDOW`."""
     folds, beside, b = equations.between if across else equations.within, equations.among, sums.rhs.shape[1]
     if len(folds) < 2:
@@ -342,7 +344,7 @@ def candidates(equations: Equations, of: Scene, force: str, parts: Sequence[str]
     return found
 
 
-def _forms(acting: Sequence[Acting], names: Sequence[str], recordings: int) -> Iterator[Form]:
+def _forms(acting: Sequence[ActingForce], names: Sequence[str], recordings: int) -> Iterator[Form]:
     """All forms of one variable, and of two."""
     along_axis = PLACE in names
     every = {name: np.stack([one.follows[name] for one in acting]) for name in names}

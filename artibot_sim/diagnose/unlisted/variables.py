@@ -16,7 +16,7 @@ from artibot_sim.model.effects import gear_no_load, motor_drag
 from artibot_sim.model.effects.force_law import SLOW, place_words
 from artibot_sim.model.effects.parts import in_robot
 from artibot_sim.model.robot.robot import Drive, Module, module_name, sides_of, wheels_of
-from artibot_sim.model.simulate.window_inputs import Plan, kind_of
+from artibot_sim.model.simulate.window_inputs import SamplingPlan, kind_of
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ SURGE = " surge force"
 
 
 @dataclass(frozen=True)
-class Acting:
+class ActingForce:
     """One force at one place: what it is made of, and what it could follow there.
 
     Attributes
@@ -47,7 +47,7 @@ PLACE = "place"
 """A variable of forces along an axis of `map`: the coordinate, and which axis it is."""
 FIXED = ("heading",)
 """Variables that mean something in one map only."""
-Scene = dict[str, Acting]
+Scene = dict[str, ActingForce]
 """Forces by name."""
 
 
@@ -58,7 +58,7 @@ def scene(problem: Problem, coordinates: Array) -> Scene:
     joints, torques = _joints(robot), [f"torque_{motor}" for motor in robot.motors]
     names = (*_SAMPLED, *(name for joint in joints for name in joint), *torques)
     each = np.repeat([kind_of(name) for name in names], KNOTS)
-    plans = [Plan(np.tile(t - w.t, len(names)), each) for w, t in zip(problem.windows, at, strict=True)]
+    plans = [SamplingPlan(np.tile(t - w.t, len(names)), each) for w, t in zip(problem.windows, at, strict=True)]
     seen = np.array(problem.sampled(coordinates, problem.starts, plans)).reshape(len(at), len(names), KNOTS)
     motion = dict(zip(names, np.nan_to_num(seen).transpose(1, 0, 2), strict=True))
     for m, motor in enumerate(robot.motors):
@@ -75,7 +75,7 @@ def scene(problem: Problem, coordinates: Array) -> Scene:
 def _movable(of: Scene) -> Scene:
     """The forces and variables that are not fixed in `map`."""
     return {
-        name: Acting(one.make, {name: values for name, values in one.follows.items() if name not in FIXED})
+        name: ActingForce(one.make, {name: values for name, values in one.follows.items() if name not in FIXED})
         for name, one in of.items()
         if PLACE not in one.follows
     }
@@ -86,21 +86,21 @@ def _joints(robot: Robot) -> list[tuple[str, str]]:
     return [(name, name.replace("_yaw", "_rate", 1)) for name in robot.articulation_joints[::2]]
 
 
-def _forces(robot: Robot, t: Array, motion: dict[str, Array]) -> dict[str, Acting]:
+def _forces(robot: Robot, t: Array, motion: dict[str, Array]) -> dict[str, ActingForce]:
     places = _places(robot, motion)
     common = [{"time since the start": t} | _shared(robot, max(i, 1), motion) for i in range(len(places))]
-    found: dict[str, Acting] = {}
+    found: dict[str, ActingForce] = {}
     for i, place in enumerate(places):
         end, follows = module_name(i), common[i] | place.follows()
         for component in ("surge force", "sway force", "yaw moment"):
-            found[f"{end} {component}"] = Acting(place.force(*(float(component.startswith(c)) for c in
+            found[f"{end} {component}"] = ActingForce(place.force(*(float(component.startswith(c)) for c in
                                                                ("surge", "sway", "yaw"))), follows)  # fmt: skip
         for axis in ("x", "y"):
             found[f"{end} force along {axis} of map"] = place.in_map(axis)
     for behind in range(1, len(places)):
         opposed = np.zeros((len(components_of(robot)), *t.shape))
         opposed[_TURN + behind - 1], opposed[_TURN + behind] = 1.0, -1.0
-        found[place_words(in_robot("joint", behind))] = Acting(opposed, common[behind] | places[0].follows())
+        found[place_words(in_robot("joint", behind))] = ActingForce(opposed, common[behind] | places[0].follows())
     for number, wheel in enumerate(wheels_of(len(places))):
         _add_wheel(found, wheel, robot, places[number // 4], motion, common[number // 4])
     for side, motor in enumerate(sides_of(len(places))):
@@ -113,7 +113,7 @@ def _forces(robot: Robot, t: Array, motion: dict[str, Array]) -> dict[str, Actin
             f"wheel angle {motor}": turned * motion[f"angle_{motor}"],
             "own speed": robot.wheel.r_w * turned * motion[f"rate_{motor}"],
         }
-        found[f"torque of motor {motor}"] = Acting(make, common[side // 2] | own)
+        found[f"torque of motor {motor}"] = ActingForce(make, common[side // 2] | own)
     return found
 
 
@@ -158,13 +158,13 @@ class _Place:
             "curvature": self.turn * self.forward / (self.forward**2 + SLOW**2), "x": self.x, "y": self.y,
         }  # fmt: skip
 
-    def in_map(self, axis: str) -> Acting:
+    def in_map(self, axis: str) -> ActingForce:
         """A force of 1 N along x or y of `map`, and where it acts."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         make = self.force(c, -s, 0.0) if axis == "x" else self.force(s, c, 0.0)
         one, none = np.ones_like(c), np.zeros_like(c)
         field = (self.x, one, none) if axis == "x" else (self.y, none, one)
-        return Acting(make, {PLACE: np.stack(field, axis=-1)})
+        return ActingForce(make, {PLACE: np.stack(field, axis=-1)})
 
     def force(self, surge: Array | float, sway: Array | float, turn: Array | float) -> Array:
         """The components (c, k) of a force at the origin in the module's own frame, and of a moment.
@@ -203,7 +203,7 @@ def _places(robot: Robot, motion: dict[str, Array]) -> list[_Place]:
 
 
 def _add_wheel(
-    found: dict[str, Acting], wheel: str, robot: Robot, place: _Place, motion: dict[str, Array],
+    found: dict[str, ActingForce], wheel: str, robot: Robot, place: _Place, motion: dict[str, Array],
     common: dict[str, Array],
 ) -> None:  # fmt: skip
     """The lateral force at a wheel; and once for the two wheels of a motor, whose difference nothing shows, their
@@ -219,18 +219,18 @@ def _add_wheel(
     at = {"own x": place.x + x_w * c - y_w * s, "own y": place.y + x_w * s + y_w * c}
     lateral = place.force(0.0, 1.0, x_w + robot.contact.u_w)
     if motor not in robot.motors:
-        found[f"lateral force at {wheel}"] = Acting(lateral, own | at)
+        found[f"lateral force at {wheel}"] = ActingForce(lateral, own | at)
         return
     m, drive = robot.motors.index(motor), _drive(robot, sides_of(len(robot.modules)).index(motor))
     own["own slip"] = robot.wheel.r_w * drive.tau * motion[f"rate_{motor}"] - (place.forward - y_w * place.turn)
     own |= at | {"own angle": drive.tau * motion[f"angle_{motor}"]}
-    found[f"lateral force at {wheel}"] = Acting(lateral, own)
+    found[f"lateral force at {wheel}"] = ActingForce(lateral, own)
     if end == "front":
         along = place.force(1.0, 0.0, -y_w)
         driving = through_gear(robot, m, motion) * motion[f"rate_{motor}"] >= 0.0
         along[moved_by(robot) + m] = robot.wheel.r_w * drive.tau * np.where(driving, 1.0 / drive.eta_d, drive.eta_r)
         middle = {"own x": place.x - y_w * s, "own y": place.y + y_w * c}
-        found[f"longitudinal force of the {motor} wheels"] = Acting(along, own | middle)
+        found[f"longitudinal force of the {motor} wheels"] = ActingForce(along, own | middle)
 
 
 def through_gear(robot: Robot, motor: int, motion: Mapping[str, Array]) -> Array:

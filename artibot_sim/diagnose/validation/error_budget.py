@@ -16,7 +16,15 @@ from artibot_sim.estimation.parameters import MU_D, MU_S
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, restarted_windows
 from artibot_sim.estimation.solver import evaluate, step
-from artibot_sim.estimation.variation import Distances, Spread, Windows, correlation_of, joined, spread_of, windows_of
+from artibot_sim.estimation.variation import (
+    Distances,
+    ParameterSpread,
+    Windows,
+    correlation_of,
+    joined,
+    spread_of,
+    windows_of,
+)
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.validation import PredictedRecording
 
@@ -69,7 +77,7 @@ class Variation:
         over, length = self._alike(fitted[best], windows, spreads[best], seed)
         return replace(varies, over=over, length=length), self.squares(which[best], spreads[best].spread)
 
-    def _alike(self, fitted: Windows, held: Sequence[Windows], spread: Spread, seed: int) -> tuple[str, float]:
+    def _alike(self, fitted: Windows, held: Sequence[Windows], spread: ParameterSpread, seed: int) -> tuple[str, float]:
         """What values are alike in that are near each other, and over how many s or m; each window by itself, if not.
 
         As sure in held-out windows as the spread itself.
@@ -85,7 +93,7 @@ class Variation:
         return found.over, found.length if np.isfinite(found.length) else 0.0
 
     def _said(
-        self, number: int, spread: Spread, nats: float, interval: tuple[float, float], ties: Sequence[int]
+        self, number: int, spread: ParameterSpread, nats: float, interval: tuple[float, float], ties: Sequence[int]
     ) -> Varies:
         """A spread in the parameter's own terms."""
         parameters, middle = self._parameters, self._fit.point.coordinates.copy()
@@ -228,7 +236,7 @@ def error_budget(
     ----------
     problem, fit : Problem, Fit
         The final model's.
-    held : sequence of Held
+    held : sequence of PredictedRecording
         Held-out recordings as the final model predicts them.
     gain : mapping of str to ChannelGain
     explainable : mapping of str to Explainable

@@ -15,9 +15,9 @@ from artibot_sim.estimation.parallel import check_time
 from artibot_sim.estimation.parameters import ParameterSet
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.residual_model import (
+    MotorSpeeds,
     Predicted,
     ResidualModel,
-    Turning,
     body_rates,
     corrected,
     features,
@@ -28,7 +28,7 @@ from artibot_sim.estimation.windows import CHANNEL_NAMES, HEADINGS, Window
 from artibot_sim.experiment.blocks import HELD_OUT
 from artibot_sim.identify.validation import PredictedRecording
 from artibot_sim.model import Robot
-from artibot_sim.model.simulate.window_inputs import KINDS, Plan
+from artibot_sim.model.simulate.window_inputs import KINDS, SamplingPlan
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ _DRAWS = 500
 
 
 @dataclass(frozen=True)
-class Piece:
+class LearningWindow:
     """One window as the final model predicts it, and what is missing there.
 
     Attributes
@@ -76,12 +76,12 @@ class Piece:
 
 def explainable(
     held: Sequence[PredictedRecording], robot: Robot, noise: Mapping[str, float], seed: int
-) -> tuple[dict[str, Explainable], list[Piece]]:
+) -> tuple[dict[str, Explainable], list[LearningWindow]]:
     """By channel what could be explained, and the windows that say so; nothing where there is too little to learn from.
 
     Parameters
     ----------
-    held : sequence of Held
+    held : sequence of PredictedRecording
         All recordings as the final model predicts them.
     robot : Robot
         The final model.
@@ -113,13 +113,13 @@ def explainable(
 
 
 def model_of(
-    some: Sequence[Piece], held: Sequence[PredictedRecording], robot: Robot, horizon: float, seed: int
+    some: Sequence[LearningWindow], held: Sequence[PredictedRecording], robot: Robot, horizon: float, seed: int
 ) -> ResidualModel:
     """What is learned from all windows."""
     return ResidualModel(learned(*tables(some), seed), known_motors(held), robot.name, horizon)
 
 
-def tables(some: Sequence[Piece]) -> tuple[Array, Array]:
+def tables(some: Sequence[LearningWindow]) -> tuple[Array, Array]:
     """Features (n, f) of the steps of some windows, and what is missing there, (n, 3)."""
     return np.concatenate([piece.rows for piece in some]), np.concatenate([piece.missing for piece in some])
 
@@ -142,14 +142,15 @@ def known_motors(held: Sequence[PredictedRecording]) -> tuple[int, ...]:
     return tuple(np.flatnonzero(np.all(known, axis=0)).tolist())
 
 
-def pieces(held: PredictedRecording, robot: Robot, motors: Sequence[int]) -> list[Piece]:
+def pieces(held: PredictedRecording, robot: Robot, motors: Sequence[int]) -> list[LearningWindow]:
     """A recording's windows with what is missing in them; lost predictions are left out."""
     problem = Problem(ParameterSet(robot, ()), held.stretches, held.windows)
     kinds = [KINDS.index(name) for name in ("x", "y", "heading")]
     kinds += [KINDS.index("articulation_yaw")] if robot.articulated else []
     times = [grid(w.t, w.t + span) for w, span in zip(held.windows, problem.durations.tolist(), strict=True)]
     plans = [
-        Plan(np.repeat(t - w.t, len(kinds)), np.tile(kinds, len(t))) for t, w in zip(times, held.windows, strict=True)
+        SamplingPlan(np.repeat(t - w.t, len(kinds)), np.tile(kinds, len(t)))
+        for t, w in zip(times, held.windows, strict=True)
     ]
     found = []
     looked = problem.sampled(np.empty(0), held.starts, plans)
@@ -159,8 +160,8 @@ def pieces(held: PredictedRecording, robot: Robot, motors: Sequence[int]) -> lis
         stretch = held.stretches[window.stretch]
         missing = body_rates(t, measured_path(stretch, path)) - body_rates(t, path.pose)
         if np.isfinite(table).all() and np.isfinite(missing).all() and np.isfinite(residual).all():
-            turning = Turning(stretch.inputs.t, stretch.inputs.velocity[:, list(motors)])
-            found.append(Piece(window, residual, path, features(turning, path), missing))
+            turning = MotorSpeeds(stretch.inputs.t, stretch.inputs.velocity[:, list(motors)])
+            found.append(LearningWindow(window, residual, path, features(turning, path), missing))
     return found
 
 

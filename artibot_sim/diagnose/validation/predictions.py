@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.view import CommandView, view_with
 from artibot_sim.diagnose.policy import MINOR, REFUTED
-from artibot_sim.diagnose.records import HALF_WIDTH, ChannelBaseline, ChannelGain, Options, Series, SlowResidual
+from artibot_sim.diagnose.records import HALF_WIDTH, ChannelBaseline, ChannelGain, ErrorSeries, Options, SlowResidual
 from artibot_sim.diagnose.remains import leaves_more_than_noise
 from artibot_sim.diagnose.selection.decision import Decision
-from artibot_sim.estimation.kernels import Parts, Samples
+from artibot_sim.estimation.kernels import Parts, WindowSamples
 from artibot_sim.estimation.loss import Loss, channel_levels, merged, thinning
 from artibot_sim.estimation.measurements import CHANNEL_UNITS, Stretch, stretches
 from artibot_sim.estimation.windows import CHANNEL_NAMES
@@ -37,14 +37,14 @@ _BLOCK = 5.0
 
 
 @dataclass(frozen=True)
-class Pair:
+class PredictionPair:
     """One recording, predicted by both models over the same windows.
 
     Attributes
     ----------
     held_out : bool
         Whether it took no part in the fit.
-    before, after : Held
+    before, after : PredictedRecording
         By the paper's model with its soil identified, and by the extended one.
     """
 
@@ -55,12 +55,12 @@ class Pair:
 
 def predict(
     experiment: Experiment, held_out: bool, baseline: Robot, extended: Robot, horizon: float, workers: int | None
-) -> Pair:
+) -> PredictionPair:
     """A recording by both models; once only where they are the same."""
     seen = stretches(experiment, baseline, HALF_WIDTH)
     before = predicted(experiment, baseline, horizon, workers, seen)
     same = extended.effects == baseline.effects and extended == baseline
-    return Pair(held_out, before, before if same else predicted(experiment, extended, horizon, workers, seen))
+    return PredictionPair(held_out, before, before if same else predicted(experiment, extended, horizon, workers, seen))
 
 
 def predicted(
@@ -70,7 +70,7 @@ def predicted(
     return hold_out(experiment, robot, horizon, workers, steps=STEPS, half_width=HALF_WIDTH, seen=seen)
 
 
-def gains(pairs: Sequence[Pair], commanded: Sequence[Series], seed: int) -> dict[str, ChannelGain]:
+def gains(pairs: Sequence[PredictionPair], commanded: Sequence[ErrorSeries], seed: int) -> dict[str, ChannelGain]:
     """What the extension is worth in each channel, with intervals from windows drawn anew."""
     found = {}
     for c, name in enumerate(CHANNEL_NAMES):
@@ -109,7 +109,7 @@ def _median_rmse(squares: Array) -> Array:
     return np.median(np.sqrt(squares[:, :2] / squares[:, 2:]), axis=0)
 
 
-def _blocks(series: Series) -> list[tuple[float, float, float]]:
+def _blocks(series: ErrorSeries) -> list[tuple[float, float, float]]:
     """Sums of squared errors before and after, and how many samples, of every few seconds."""
     rows = []
     for start in np.arange(series.t[0], series.t[-1], _BLOCK).tolist() if len(series.t) else []:
@@ -121,7 +121,7 @@ def _blocks(series: Series) -> list[tuple[float, float, float]]:
     return rows
 
 
-def _by_window(pair: Pair) -> list[tuple[PredictedRecording, PredictedRecording, int]]:
+def _by_window(pair: PredictionPair) -> list[tuple[PredictedRecording, PredictedRecording, int]]:
     return [(pair.before, pair.after, i) for i in range(len(pair.before.windows))]
 
 
@@ -133,7 +133,7 @@ def _squares(at: tuple[PredictedRecording, PredictedRecording, int], channel: in
     return float(first @ first), float(second @ second), float(len(first))
 
 
-def baseline_levels(pairs: Sequence[Pair]) -> dict[str, ChannelBaseline]:
+def baseline_levels(pairs: Sequence[PredictionPair]) -> dict[str, ChannelBaseline]:
     """How wrong the paper's model is over all recordings."""
     found = {}
     for name in CHANNEL_NAMES:
@@ -194,7 +194,7 @@ LAWS = "laws"
 
 
 def improvements(
-    decision: Decision, pairs: Sequence[Pair], extended: Robot, view: CommandView, options: Options
+    decision: Decision, pairs: Sequence[PredictionPair], extended: Robot, view: CommandView, options: Options
 ) -> dict[str, Worth]:
     """What each cause is worth on held-out data, in the order in which they were found, and laws after them.
 
@@ -202,7 +202,7 @@ def improvements(
 
     Parameters
     ----------
-    pairs : sequence of Pair
+    pairs : sequence of PredictionPair
         Of what was held out.
     extended : Robot
         With all causes.
@@ -245,7 +245,7 @@ def _likelihoods(models: Sequence[Sequence[PredictedRecording]]) -> list[float]:
         return [0.0] * len(models)
     each = [[residual for held in model for residual in held.residuals] for model in models]
     levels = np.maximum(merged(channel_levels(windows, each[-1])), 1.0)
-    samples = Samples.of(windows)
+    samples = WindowSamples.of(windows)
     flat = np.array([np.concatenate(one) / levels[samples.channel] for one in each])
     loss = Loss(1.0, thinning(windows, Parts(flat[-1], samples.begin)), firm=True)
     return (-0.5 * loss.totals(samples, flat).sum(axis=-1)).tolist()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.records import ChannelBaseline, Comparison, Place, Series
+from artibot_sim.diagnose.records import ChannelBaseline, Comparison, ErrorLocation, ErrorSeries
 from artibot_sim.diagnose.words import amount, is_wrong
 from artibot_sim.identify.result import number
 
@@ -26,7 +26,7 @@ _SMOOTH = 0.3
 
 
 @dataclass(frozen=True)
-class Samples:
+class ErrorSamples:
     """Errors of a channel.
 
     Attributes
@@ -71,7 +71,7 @@ def sizes(errors: Array) -> Array:
     return np.abs(errors) if errors.ndim == 1 else np.asarray(np.linalg.norm(errors, axis=1))
 
 
-def gather(comparisons: Sequence[Comparison], channel: str) -> Samples | None:
+def gather(comparisons: Sequence[Comparison], channel: str) -> ErrorSamples | None:
     """The errors of a channel in all recordings, None where none has any; lost predictions are left out."""
     parts = []
     for index, comparison in enumerate(comparisons):
@@ -93,11 +93,11 @@ def gather(comparisons: Sequence[Comparison], channel: str) -> Samples | None:
             )
         )
     )
-    return Samples(channel, t, which, before, after, noise, at)
+    return ErrorSamples(channel, t, which, before, after, noise, at)
 
 
 def _part(
-    number: int, channel: str, comparison: Comparison, series: Series
+    number: int, channel: str, comparison: Comparison, series: ErrorSeries
 ) -> tuple[NDArray[np.int64], Array, Array, Array, dict[str, Array]]:
     before, after, t = series.before, series.after, series.t
     if channel != "position":
@@ -177,7 +177,7 @@ class Condition:
     local: bool = False
 
 
-def conditions(samples: Samples) -> Iterator[Condition]:
+def conditions(samples: ErrorSamples) -> Iterator[Condition]:
     """All conditions that the recordings allow to look for."""
     yield from _manoeuvres(samples)
     yield from _amounts(samples)
@@ -190,7 +190,7 @@ def _known(*columns: Array) -> bool:
     return all(np.isfinite(column).any() for column in columns)
 
 
-def _manoeuvres(samples: Samples) -> Iterator[Condition]:
+def _manoeuvres(samples: ErrorSamples) -> Iterator[Condition]:
     speed, rate, change = (samples.at[name] for name in ("speed", "yaw_rate", "acceleration"))
     if not _known(speed, rate):
         return
@@ -206,7 +206,7 @@ def _manoeuvres(samples: Samples) -> Iterator[Condition]:
     yield Condition("while its speed changes", np.abs(change) > _CHANGING)
 
 
-def _amounts(samples: Samples) -> Iterator[Condition]:
+def _amounts(samples: ErrorSamples) -> Iterator[Condition]:
     for name, what, unit in (
         ("speed", "at speeds", "m/s"),
         ("yaw_rate", "at yaw rates", "rad/s"),
@@ -295,7 +295,7 @@ _MOMENTS_REST = 2.0
 """and errors over the noise elsewhere, at most."""
 
 
-def places(comparisons: Sequence[Comparison], baseline: Mapping[str, ChannelBaseline]) -> tuple[Place, ...]:
+def places(comparisons: Sequence[Comparison], baseline: Mapping[str, ChannelBaseline]) -> tuple[ErrorLocation, ...]:
     """Sentences on each channel that is wrong, the worst channel first: how much, when, in which manoeuvre, which way.
 
     Parameters
@@ -305,15 +305,15 @@ def places(comparisons: Sequence[Comparison], baseline: Mapping[str, ChannelBase
         The channels to look at, with their errors and noise.
     """
     ratios = {name: base.over_noise for name, base in baseline.items() if is_wrong(name, base)}
-    found: list[Place] = []
+    found: list[ErrorLocation] = []
     for channel in sorted(ratios, key=lambda name: -ratios[name]):
         samples = gather(comparisons, channel)
         if samples is not None and len(samples) > 1:
-            found += [Place(channel, said) for said in _sentences(samples, comparisons, baseline[channel])]
+            found += [ErrorLocation(channel, said) for said in _sentences(samples, comparisons, baseline[channel])]
     return tuple(found)
 
 
-def _sentences(samples: Samples, comparisons: Sequence[Comparison], base: ChannelBaseline) -> Iterator[str]:
+def _sentences(samples: ErrorSamples, comparisons: Sequence[Comparison], base: ChannelBaseline) -> Iterator[str]:
     head = f"off by {amount(base.rmse, base.unit)} (RMSE), {number(base.over_noise, 2)} times the noise"
     where = moments(samples)
     if not where:
@@ -326,7 +326,7 @@ def _sentences(samples: Samples, comparisons: Sequence[Comparison], base: Channe
         yield way
 
 
-def moments(samples: Samples) -> str:
+def moments(samples: ErrorSamples) -> str:
     """Where the error is that of a few moments and small elsewhere: how many, how long; else empty.
 
     A motor that jumps to another speed does so between two samples. Which torque it took is in none of them.
@@ -375,7 +375,7 @@ class Concentration:
         return f"{100 * self.error:.0f} % of it (squared) {self.condition.said}, {100 * self.time:.0f} % of the time"
 
 
-def concentration(samples: Samples) -> Concentration | None:
+def concentration(samples: ErrorSamples) -> Concentration | None:
     """The condition under which the error sits, None where it sits nowhere in particular.
 
     Of all conditions that hold most of the error, it is the one whose share of the error is most surprising given its
@@ -406,7 +406,7 @@ def _entropy(e: float, p: float) -> float:
     return float(e * np.log(e / p) + rest)
 
 
-def _agree(samples: Samples, squares: Array, mask: NDArray[np.bool_]) -> bool:
+def _agree(samples: ErrorSamples, squares: Array, mask: NDArray[np.bool_]) -> bool:
     """Whether most recordings in which a condition occurs show it."""
     votes = []
     for number_ in np.unique(samples.comparison):
@@ -417,7 +417,7 @@ def _agree(samples: Samples, squares: Array, mask: NDArray[np.bool_]) -> bool:
     return not votes or float(np.mean(votes)) >= _AGREE
 
 
-def worst_moment(samples: Samples, comparisons: Sequence[Comparison], unit: str) -> str:
+def worst_moment(samples: ErrorSamples, comparisons: Sequence[Comparison], unit: str) -> str:
     """When it is worst, and what the rover did then."""
     block = np.floor(samples.t / _BLOCK).astype(np.int64)
     names, rows = np.unique(np.column_stack([samples.comparison, block]), axis=0, return_inverse=True)
@@ -459,7 +459,7 @@ def _doing(at: Mapping[str, Array]) -> str:
     return ", ".join(said).replace("-", "−")
 
 
-def direction(samples: Samples) -> str:
+def direction(samples: ErrorSamples) -> str:
     """Which way the rover is off its predictions, in `map` or in its own frame; empty where all ways are alike."""
     off = -samples.before
     heading = samples.at["heading"]
@@ -499,7 +499,7 @@ _FOLLOWED = {
 """Channel → what its error may follow: column, words and unit of each."""
 
 
-def followed(samples: Samples, unit: str) -> str:
+def followed(samples: ErrorSamples, unit: str) -> str:
     """What the error of a scalar channel follows, or its mean where it is always the same; empty where neither is."""
     error = samples.before[:, 0]
     total = float(np.sum(error**2))

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.series import CommandedLevel
-from artibot_sim.diagnose.records import ChannelBaseline, Comparison, Series
+from artibot_sim.diagnose.records import ChannelBaseline, Comparison, ErrorSeries
 from artibot_sim.diagnose.remains import COMMANDED
-from artibot_sim.diagnose.validation.predictions import Pair
+from artibot_sim.diagnose.validation.predictions import PredictionPair
 from artibot_sim.estimation.windows import CHANNEL_NAMES, Window
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.measured import Measured, forward_speed
@@ -24,7 +24,7 @@ _GRID = 0.2
 """s between covariates."""
 
 
-def comparison(pair: Pair, robot: Robot, in_map: bool = True) -> Comparison:
+def comparison(pair: PredictionPair, robot: Robot, in_map: bool = True) -> Comparison:
     """One recording; places and headings mean nothing where its segments are not `in_map` together."""
     experiment, before, after = pair.before.experiment, pair.before, pair.after
     free = [[_path(run.window, run.residual) for run in held.free] for held in (before, after)]
@@ -54,7 +54,7 @@ def _path(window: Window, residual: Array) -> Array:
     return np.column_stack([window.t + window.plan.t[x], predicted[x], predicted[y]])
 
 
-def _series(before: PredictedRecording, after: PredictedRecording) -> dict[str, Series]:
+def _series(before: PredictedRecording, after: PredictedRecording) -> dict[str, ErrorSeries]:
     found = {}
     for c, name in enumerate(CHANNEL_NAMES):
         rows = [_errors(held, c) for held in (before, after)]
@@ -63,7 +63,7 @@ def _series(before: PredictedRecording, after: PredictedRecording) -> dict[str, 
         noise = before.summary.channels[name].noise / (np.sqrt(2.0) if name == "position" else 1.0)
         order = np.argsort(rows[0][:, 0], kind="stable")
         errors = [table[order, 1:] if name == "position" else table[order, 1] for table in rows]
-        found[name] = Series(rows[0][order, 0], errors[0], errors[1], float(noise))
+        found[name] = ErrorSeries(rows[0][order, 0], errors[0], errors[1], float(noise))
     return found
 
 
@@ -85,7 +85,7 @@ def with_commands(
     baseline: Mapping[str, ChannelBaseline],
     comparisons: Sequence[Comparison],
     levels: Mapping[str, CommandedLevel],
-    series: Mapping[str, Series],
+    series: Mapping[str, ErrorSeries],
 ) -> tuple[dict[str, ChannelBaseline], list[Comparison]]:
     """Channels and recordings with how the front motors followed their commands, where there are any."""
     channels = dict(baseline) | {

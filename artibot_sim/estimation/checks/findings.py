@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from artibot_sim.estimation.streams import (
     LAGS,
     Delay,
-    Segment,
-    Sums,
+    RunningSums,
+    StreamSegment,
     advancing,
     agreement_beside_chance,
     delay_of,
@@ -105,7 +105,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Streams:
+class StreamComparisons:
     """All comparisons of a recording's streams; None where there is nothing to compare.
 
     Attributes
@@ -125,7 +125,7 @@ class Streams:
     """
 
     experiment: Experiment
-    segments: tuple[Segment, ...]
+    segments: tuple[StreamSegment, ...]
     turn: Delay | None
     forward: Delay | None
     gyro: Delay | None
@@ -145,7 +145,7 @@ def pose_channel(experiment: Experiment) -> Channel | None:
     return experiment.channels.get("ground_truth_odom") or experiment.channels.get("total_station")
 
 
-def compare_streams(experiment: Experiment, seed: int = 0) -> Streams:
+def compare_streams(experiment: Experiment, seed: int = 0) -> StreamComparisons:
     """Hold the streams of a recording against each other; takes a second or two.
 
     Parameters
@@ -161,7 +161,7 @@ def compare_streams(experiment: Experiment, seed: int = 0) -> Streams:
         rng = np.random.default_rng(seed)
         return delay_of(list(pieces), most, rng, **options) if most > 0.1 else None  # type: ignore[arg-type]
 
-    return Streams(
+    return StreamComparisons(
         experiment, tuple(segments),
         of(list(turning(segments, "heading", "wheels")), lags=LAGS),
         of(list(advancing(segments)), lags=LAGS),
@@ -172,14 +172,16 @@ def compare_streams(experiment: Experiment, seed: int = 0) -> Streams:
     )  # fmt: skip
 
 
-def findings(experiment: Experiment, robot: Robot, streams: Streams | None = None, seed: int = 0) -> list[Finding]:
+def findings(
+    experiment: Experiment, robot: Robot, streams: StreamComparisons | None = None, seed: int = 0
+) -> list[Finding]:
     """What is wrong with a recording, the serious first.
 
     Parameters
     ----------
     experiment : Experiment
     robot : Robot
-    streams : Streams, optional
+    streams : StreamComparisons, optional
         What `compare_streams` found.
     seed : int
         Of the draws that intervals come from, where it is still to be found.
@@ -210,7 +212,7 @@ COLUMNS = {
 }
 
 
-def _held(of: Streams) -> Iterator[Finding]:
+def _held(of: StreamComparisons) -> Iterator[Finding]:
     for key, names in COLUMNS.items():
         channel = of.experiment.channels.get(key)
         if channel is None:
@@ -225,7 +227,7 @@ def _held(of: Streams) -> Iterator[Finding]:
             )  # fmt: skip
 
 
-def _set_points(of: Streams) -> Iterator[Finding]:
+def _set_points(of: StreamComparisons) -> Iterator[Finding]:
     motors, command = of.experiment.channels.get("motor_torques"), of.experiment.channels.get("motor_command")
     if motors is None or command is None or f"{MOTORS[0]}.position" in motors:
         return
@@ -250,7 +252,7 @@ def _set_points(of: Streams) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _leaps(of: Streams, robot: Robot) -> Iterator[Finding]:
+def _leaps(of: StreamComparisons, robot: Robot) -> Iterator[Finding]:
     leaps = leaps_of(of.segments, robot)
     if leaps:
         when = ", ".join(f"{after:.1f}" for _, after, _ in leaps[:4]) + (" …" if len(leaps) > 4 else "")
@@ -263,7 +265,7 @@ def _leaps(of: Streams, robot: Robot) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def leaps_of(segments: Sequence[Segment], robot: Robot) -> list[tuple[float, float, float]]:
+def leaps_of(segments: Sequence[StreamSegment], robot: Robot) -> list[tuple[float, float, float]]:
     """Where a pose moves farther than the wheels' rims: the times before and after (s), and by how much (m).
 
     None where it does so all the time: then units or robot are wrong.
@@ -285,13 +287,15 @@ def leaps_of(segments: Sequence[Segment], robot: Robot) -> list[tuple[float, flo
     return found if len(found) < max(0.02 * total, 3) else []
 
 
-def _rolled(wheels: Sums, begin: Array, end: Array) -> Array:
+def _rolled(wheels: RunningSums, begin: Array, end: Array) -> Array:
     """The larger angle that a wheel turned through between times (n,), back and forth counted both."""
-    way = Sums(wheels.t, np.vstack([np.zeros((1, 2)), np.cumsum(np.abs(np.diff(wheels.values, axis=0)), axis=0)]))
+    way = RunningSums(
+        wheels.t, np.vstack([np.zeros((1, 2)), np.cumsum(np.abs(np.diff(wheels.values, axis=0)), axis=0)])
+    )
     return np.asarray((way.at(end) - way.at(begin)).max(axis=1))
 
 
-def _air(of: Streams, robot: Robot) -> Iterator[Finding]:
+def _air(of: StreamComparisons, robot: Robot) -> Iterator[Finding]:
     rim = robot.wheel.r_w * robot.drive.front.tau
     rolled = gone = 0.0
     for segment in of.segments:
@@ -313,7 +317,7 @@ def _air(of: Streams, robot: Robot) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _unrelated(of: Streams) -> Iterator[Finding]:
+def _unrelated(of: StreamComparisons) -> Iterator[Finding]:
     """Neither places nor headings follow the wheels better than they follow the wheels' motion at other times."""
     if of.turn is None or of.forward is None or max(of.turn.agreement, of.forward.agreement) >= AGREES:
         return
@@ -345,7 +349,7 @@ def _pattern(delay: Delay) -> str | None:
     return "".join("+" if c > 0 else "-" for c in pair) if sure.all() else None
 
 
-def _signs(of: Streams) -> Iterator[Finding]:
+def _signs(of: StreamComparisons) -> Iterator[Finding]:
     forward, turn = agreeing(of.forward), agreeing(of.turn) or agreeing(of.gyro_wheels)
     ahead = _pattern(forward) if forward else None
     about = _pattern(turn) if turn else None
@@ -364,7 +368,7 @@ def _signs(of: Streams) -> Iterator[Finding]:
         yield from _swapped(of, topic, evidence)
 
 
-def _swapped(of: Streams, topic: str, evidence: str) -> Iterator[Finding]:
+def _swapped(of: StreamComparisons, topic: str, evidence: str) -> Iterator[Finding]:
     """Turning is against the wheels: either their sides or the sensor's sign are the wrong way round."""
     gyro = agreeing(of.gyro)
     if gyro is not None and gyro.coefficients[0] < 0 and of.gyro_wheels and _pattern(of.gyro_wheels) == "+-":
@@ -384,7 +388,7 @@ def _swapped(of: Streams, topic: str, evidence: str) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _course(of: Streams) -> float | None:
+def _course(of: StreamComparisons) -> float | None:
     """Correlation of how a pose's path turns with how its heading does; None where it hardly moves."""
     pairs = []
     for segment in of.segments:
@@ -407,7 +411,7 @@ def _course(of: Streams) -> float | None:
     return float(np.corrcoef(table.T)[0, 1])
 
 
-def _units(of: Streams, robot: Robot) -> Iterator[Finding]:
+def _units(of: StreamComparisons, robot: Robot) -> Iterator[Finding]:
     forward = agreeing(of.forward)
     if forward is None:
         return
@@ -440,7 +444,7 @@ def _units(of: Streams, robot: Robot) -> Iterator[Finding]:
 # ----------------------------------------------------------------------
 
 
-def _gyro(of: Streams) -> Iterator[Finding]:
+def _gyro(of: StreamComparisons) -> Iterator[Finding]:
     imu = of.experiment.channels.get("imu")
     if imu is None or not of.segments:
         return
@@ -473,7 +477,7 @@ def _gyro(of: Streams) -> Iterator[Finding]:
         yield _flipped(topic, "the wheels turn the other way")
 
 
-def _heading_against_wheels(of: Streams) -> bool:
+def _heading_against_wheels(of: StreamComparisons) -> bool:
     turn = agreeing(of.turn)
     return turn is not None and _pattern(turn) == "-+"
 
@@ -485,13 +489,13 @@ def _flipped(topic: str, evidence: str) -> Finding:
     )  # fmt: skip
 
 
-def _other_axis(of: Streams, topic: str) -> Iterator[Finding]:
+def _other_axis(of: StreamComparisons, topic: str) -> Iterator[Finding]:
     """The axis of the IMU that does show the turning, where z does not."""
     axes = of.segments[0].gyro_axes
     for i, name in enumerate(axes[:-1]):
         _, most = reach(of.segments)
         pieces = [
-            type(p)(p.end, p.begin, p.y, Sums(s.gyro.t, s.gyro.values[:, [i]]))
+            type(p)(p.end, p.begin, p.y, RunningSums(s.gyro.t, s.gyro.values[:, [i]]))
             for s in of.segments if s.gyro is not None for p in turning([s], "heading", "gyro")
         ]  # fmt: skip
         found = agreeing(delay_of(pieces, most, np.random.default_rng(of.seed), trend=True)) if pieces else None
@@ -510,7 +514,7 @@ def _other_axis(of: Streams, topic: str) -> Iterator[Finding]:
 # ----------------------------------------------------------------------
 
 
-def _delays(of: Streams) -> Iterator[Finding]:
+def _delays(of: StreamComparisons) -> Iterator[Finding]:
     """Which stream is late, by all comparisons together."""
     pose_wheels, pose_gyro, gyro_wheels = body_after_wheels(of)
     motors = of.experiment.channels.get("motor_torques")
@@ -536,7 +540,7 @@ def _delays(of: Streams) -> Iterator[Finding]:
             yield from _late_rotations(wheels_topic, pose_wheels, of.pose_topic)
 
 
-def body_after_wheels(of: Streams) -> tuple[Delay | None, Delay | None, Delay | None]:
+def body_after_wheels(of: StreamComparisons) -> tuple[Delay | None, Delay | None, Delay | None]:
     """By how much poses are later than wheels, poses than the gyroscope, and this than wheels.
 
     Pose and gyroscope see one body. How it advances tells when its wheels turned; how it turns goes through lateral
@@ -574,7 +578,7 @@ def _late_rotations(topic: str, body: Delay | None, against: str) -> Iterator[Fi
         yield from _late("rotation_delay", topic, _negative(body), against, least)
 
 
-def _or_smoothed(of: Streams, found: Finding) -> Finding:
+def _or_smoothed(of: StreamComparisons, found: Finding) -> Finding:
     """Late rotations where nothing but speeds is recorded: a low-pass on these (`velocity_filter`) looks the same."""
     motors = of.experiment.channels.get("motor_torques")
     recorded = motors is not None and any(f"{motor}.position" in motors for motor in MOTORS)
@@ -584,7 +588,9 @@ def _or_smoothed(of: Streams, found: Finding) -> Finding:
     return replace(found, text=f"{found.text}, {either}")
 
 
-def _by_wheels(of: Streams, pose: Delay, gyro: Delay, wheels_topic: str, gyro_topic: str) -> Iterator[Finding]:
+def _by_wheels(
+    of: StreamComparisons, pose: Delay, gyro: Delay, wheels_topic: str, gyro_topic: str
+) -> Iterator[Finding]:
     """Pose (a point without heading) and gyroscope, each against the wheels."""
     if abs(pose.value - gyro.value) <= TOGETHER and min(pose.value, gyro.value) < 0:
         yield from _late_rotations(wheels_topic, surest(pose, gyro), "pose and gyroscope")
@@ -644,7 +650,7 @@ def _late(name: str, topic: str, delay: Delay, against: str, least: float) -> It
     )  # fmt: skip
 
 
-def _skews(of: Streams) -> Iterator[Finding]:
+def _skews(of: StreamComparisons) -> Iterator[Finding]:
     """The surest drift of one stream's clock against another's."""
     motors = of.experiment.channels.get("motor_torques")
     imu = of.experiment.channels.get("imu")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.checks.findings import Finding, Streams, compare_streams, findings
+from artibot_sim.estimation.checks.findings import Finding, StreamComparisons, compare_streams, findings
 from artibot_sim.estimation.checks.recordings import doubts, require_usable
 from artibot_sim.estimation.streams import Delay
 from artibot_sim.experiment import Channel, Experiment
@@ -151,7 +151,7 @@ def _two_sources(experiment: Experiment) -> Iterator[str]:
             )
 
 
-def _delays(of: Streams) -> Iterator[tuple[str, str, Delay]]:
+def _delays(of: StreamComparisons) -> Iterator[tuple[str, str, Delay]]:
     pairs = (
         ("heading", "wheels", of.turn), ("position", "wheels", of.forward), ("heading", "gyroscope", of.gyro),
         ("gyroscope", "wheels", of.gyro_wheels), ("wheels", "command", of.response),

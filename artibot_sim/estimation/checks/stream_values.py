@@ -6,7 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from artibot_sim.estimation.checks.findings import COLUMNS, DELAYS, Finding, Streams, agreeing, body_after_wheels
+from artibot_sim.estimation.checks.findings import (
+    COLUMNS,
+    DELAYS,
+    Finding,
+    StreamComparisons,
+    agreeing,
+    body_after_wheels,
+)
 from artibot_sim.estimation.streams import Delay, holding
 
 StreamTable = Mapping[str, Mapping[str, Mapping[str, Any]]]
@@ -15,12 +22,12 @@ StreamTable = Mapping[str, Mapping[str, Mapping[str, Any]]]
 _FLIPS = ("gyro_flip", "pose_flip", "reversed_wheel")
 
 
-def stream_values(of: Streams, found: Sequence[Finding], wheel_radius: float) -> dict[str, dict[str, Any]]:
+def stream_values(of: StreamComparisons, found: Sequence[Finding], wheel_radius: float) -> dict[str, dict[str, Any]]:
     """What is known of each stream, by topic.
 
     Parameters
     ----------
-    of : Streams
+    of : StreamComparisons
     found : sequence of Finding
         What is wrong with the recording, mended or not.
     wheel_radius : float
@@ -62,7 +69,7 @@ def _value(value: float | None, unit: str, ends: Sequence[float] | None) -> dict
     return {"value": value, "unit": unit, "ci95": known}
 
 
-def _delay(of: Streams, key: str, mine: Mapping[str, Finding], found: Sequence[Finding]) -> dict[str, Any]:
+def _delay(of: StreamComparisons, key: str, mine: Mapping[str, Finding], found: Sequence[Finding]) -> dict[str, Any]:
     """By how much a stream is late."""
     late = next((mine[name] for name in DELAYS.values() if name in mine), None)
     if late is not None:
@@ -82,7 +89,7 @@ def _delay(of: Streams, key: str, mine: Mapping[str, Finding], found: Sequence[F
     return {}
 
 
-def _scale(of: Streams, key: str, wheel_radius: float) -> dict[str, Any]:
+def _scale(of: StreamComparisons, key: str, wheel_radius: float) -> dict[str, Any]:
     """Recorded over true: of the gyroscope against the heading, of rotations against the path."""
     if key == "imu" and (gyro := agreeing(of.gyro)) is not None:
         return _ratio(1.0, abs(float(gyro.coefficients[0])), gyro, 1)

@@ -16,7 +16,7 @@ from artibot_sim.model.kernels.elementary import inverse_root
 from artibot_sim.model.kernels.layout import Q_C
 
 
-class Pair(NamedTuple):
+class WheelPair(NamedTuple):
     """What the two wheels of a motor meet, the front one (f) and the back one (b).
 
     p_xf, p_xb, p_yf, p_yb are the velocities of their centres, m/s; F_nf, F_nb normal forces, N. By N_f and N_b (N)
@@ -74,7 +74,7 @@ class PairForces(NamedTuple):
     more_b: tuple[float, float]
 
 
-class Soil(NamedTuple):
+class PairSoil(NamedTuple):
     """The ground under a pair of wheels: eq. 15's coefficients, and eq. 16's for the front one and the back one.
 
     u_f, u_b are how far ahead of the wheels' centres the forces act, m; load is the mean one of the rover's wheels, N.
@@ -131,7 +131,7 @@ def wheel_pairs(body, p, fx, v_x, v_y, v_z, alpha_dot, gamma_dot, s_a, c_a, z, m
 
     Returns
     -------
-    tuple of 2 Pair
+    tuple of 2 WheelPair
         Right and left.
     """
     turn, sweep, slide = gamma_dot * body.half_y * c_a, gamma_dot * body.half_x * c_a, c_a * v_y + s_a * v_z
@@ -144,8 +144,8 @@ def wheel_pairs(body, p, fx, v_x, v_y, v_z, alpha_dot, gamma_dot, s_a, c_a, z, m
         F_lb = normal_force(body, p, fx, module, -1.0, 1.0, v_z, alpha_dot, s_a, c_a, z)
     else:
         F_rb, F_lb = F_rf, F_lf
-    right = Pair(on_right, on_right, front, back, F_rf, F_rb, F_rf, F_rb)
-    return right, Pair(on_left, on_left, front, back, F_lf, F_lb, F_lf, F_lb)
+    right = WheelPair(on_right, on_right, front, back, F_rf, F_rb, F_rf, F_rb)
+    return right, WheelPair(on_left, on_left, front, back, F_lf, F_lb, F_lf, F_lb)
 
 
 @inlined
@@ -159,12 +159,12 @@ def soil_under(body, p, fx, pair, x, y, s_g, c_g, c_a, side):
         on_b = soil * hooks.grip(fx, out_x - ahead_x, out_y - ahead_y)
         u_f = p.u_w * hooks.lead(fx, pair.p_xf, pair.p_yf)
         u_b = p.u_w * hooks.lead(fx, pair.p_xb, pair.p_yb)
-        return Soil(
+        return PairSoil(
             u_f, u_b, soil * body.k_l, soil * body.k_t,
             on_f * body.mu_s, on_f * body.mu_d, on_b * body.mu_s, on_b * body.mu_d, p.load,
             out_x, out_y, ahead_x, ahead_y, None, None,
         )  # fmt: skip
-    return Soil(
+    return PairSoil(
         p.u_w, p.u_w, body.k_l, body.k_t, body.mu_s, body.mu_d, body.mu_s, body.mu_d, p.load, 0.0, 0.0, 0.0, 0.0,
         None, None,
     )  # fmt: skip
@@ -190,7 +190,7 @@ def sliding_friction(body, mu_d, here):
 def within_friction(body, fx, F_l, F_t, F_n, N, mu_s, mu_d, slip_l, slip_t, here):
     """Eq. 16: F_l, F_t (N) within what friction holds, and the share of them that is left, 1 where nothing is cut.
 
-    `N` decides whether it is, see `Pair`; for `here` see `times`. With a branch, for one rover alone: roots and
+    `N` decides whether it is, see `WheelPair`; for `here` see `times`. With a branch, for one rover alone: roots and
     quotients of those wheels only that slide. So that the compiler keeps it, mu_d of the paper's model is read, and
     forces are multiplied, inside.
     """
@@ -444,8 +444,8 @@ def pair_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_
 
 @inlined
 def under(pair, F_nf, F_nb, N_f, N_b):
-    """With effects: a `Pair` under other loads."""
-    return Pair(pair.p_xf, pair.p_xb, pair.p_yf, pair.p_yb, F_nf, F_nb, N_f, N_b)
+    """With effects: a `WheelPair` under other loads."""
+    return WheelPair(pair.p_xf, pair.p_xb, pair.p_yf, pair.p_yb, F_nf, F_nb, N_f, N_b)
 
 
 @inlined
@@ -476,7 +476,7 @@ def moved_loads(forces, body, fx, levers, pairs, soils, motor, rims, angles, kep
         See `load_transfer`.
     levers : tuple of 2 floats
         Load that a wheel takes on for each newton across the module, and along it.
-    pairs : tuple of 2 Pair
+    pairs : tuple of 2 WheelPair
         Right and left, at rest but for the loads that decide whether a wheel slides.
     motor : int
         The right one.
@@ -536,7 +536,7 @@ def generalised_forces(body, p, fx, s_a, c_a, s_g, c_g, right, left, pair_r, pai
     Parameters
     ----------
     right, left : PairForces
-    pair_r, pair_l : Pair
+    pair_r, pair_l : WheelPair
 
     Returns
     -------

@@ -15,7 +15,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.equations.contact import Pair, load_transfer, soil_under
+from artibot_sim.model.equations.contact import WheelPair, load_transfer, soil_under
 from artibot_sim.model.equations.dynamics import joint_slope, mass_centre, module_loads
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.layout import BEHIND, FRONT
@@ -42,7 +42,7 @@ class Body(NamedTuple):
     F_lb: float
 
 
-class Ground(NamedTuple):
+class CommonTerms(NamedTuple):
     """What both modules share: u_w (m), gravity's pull along x and y of `map` (m/s²), A of the joint (1/s).
 
     load is the mean load of the rover's wheels (N). joined is 1, or 0 for a rigid robot, whose back module is not
@@ -71,12 +71,12 @@ class Motion(NamedTuple):
 
 @inlined
 def module_pairs(body, ground, fx, at, s_g, c_g):
-    """What the wheels right and left meet (Pair), and the soil under them (Soil)."""
+    """What the wheels right and left meet (WheelPair), and the soil under them (Soil)."""
     v_x, v_y = c_g * at.x_dot + s_g * at.y_dot, c_g * at.y_dot - s_g * at.x_dot
     turn, sweep = at.gamma_dot * body.half_y, at.gamma_dot * body.half_x
     right, left, front, back = v_x + turn, v_x - turn, v_y + sweep, v_y - sweep
-    pair_r = Pair(right, right, front, back, body.F_rf, body.F_rb, body.F_rf, body.F_rb)
-    pair_l = Pair(left, left, front, back, body.F_lf, body.F_lb, body.F_lf, body.F_lb)
+    pair_r = WheelPair(right, right, front, back, body.F_rf, body.F_rb, body.F_rf, body.F_rb)
+    pair_l = WheelPair(left, left, front, back, body.F_lf, body.F_lb, body.F_lf, body.F_lb)
     soil_r = soil_under(body, ground, fx, pair_r, at.x, at.y, s_g, c_g, 1.0, -1.0)
     soil_l = soil_under(body, ground, fx, pair_l, at.x, at.y, s_g, c_g, 1.0, 1.0)
     return pair_r, pair_l, soil_r, soil_l
@@ -203,7 +203,7 @@ def planar_accelerations(front, back, ground, fx, f, b, trig, forces, dt=None):
     """
     s_f, c_f, s_b, c_b = trig
     (fx_a, fy_a, fg_a), contact_f, load_f = module_forces(front, ground, fx, FRONT, f, s_f, c_f, forces[0], forces[1])
-    there = Ground(
+    there = CommonTerms(
         ground.u_w, ground.joined * ground.g_x, ground.joined * ground.g_y, ground.A, ground.joined, ground.load,
         ground.pitching,
     )  # fmt: skip

@@ -15,7 +15,7 @@ import math
 from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
-from artibot_sim.model.equations.contact import Pair, Soil, unloaded_radius
+from artibot_sim.model.equations.contact import PairSoil, WheelPair, unloaded_radius
 from artibot_sim.model.equations.kinematics import sincos_small
 from artibot_sim.model.ground.raster import BEYOND, FACE, NODE, STEEPEST, WALL
 from artibot_sim.model.kernels.compilation import called, inlined
@@ -56,13 +56,13 @@ class Footing(NamedTuple):
 class Side(NamedTuple):
     """The two wheels of a motor: what they meet, the soil under them, and how the front one and the back one stand."""
 
-    pair: Pair
-    soil: Soil
+    pair: WheelPair
+    soil: PairSoil
     front: Footing
     back: Footing
 
 
-class Spot(NamedTuple):
+class GroundPoint(NamedTuple):
     """The ground at a point: height (m), slopes in the yaw frame, factors of stiffness and friction; where in `map`."""
 
     height: float
@@ -149,7 +149,7 @@ def spot_under(ground, at, x, y, r_x, r_y):
     """The ground under a point that is (r_x, r_y) from a module's origin, which is at (x, y) in `map`."""
     out_x, out_y = x + at.c_g * r_x - at.s_g * r_y, y + at.s_g * r_x + at.c_g * r_y
     height, h_x, h_y, k, mu = sampled(ground, out_x, out_y)
-    return Spot(height, at.c_g * h_x + at.s_g * h_y, at.c_g * h_y - at.s_g * h_x, k, mu, out_x, out_y)
+    return GroundPoint(height, at.c_g * h_x + at.s_g * h_y, at.c_g * h_y - at.s_g * h_x, k, mu, out_x, out_y)
 
 
 @inlined
@@ -231,7 +231,7 @@ def standing(body, p, fx, ground, module, side, at, x, y, z, rates):
     u_f, u_b = (u_f[0], u_f[1], u_f[2] + turn), (u_b[0], u_b[1], u_b[2] - turn)
     front, F_nf = footing(body, p, fx, ground, (module, 1.0, side), at, on_f, r_f, z + r_f[2] + tilt, u_f)
     back, F_nb = footing(body, p, fx, ground, (module, -1.0, side), at, on_b, r_b, z + r_b[2] - tilt, u_b)
-    pair = Pair(
+    pair = WheelPair(
         dot(u_f, front.along), dot(u_b, back.along), dot(u_f, front.across), dot(u_b, back.across), F_nf, F_nb,
         F_nf, F_nb,
     )  # fmt: skip
@@ -247,7 +247,7 @@ def soil_on(body, p, fx, pair, on_f, on_b):
         mu_f, mu_b = k * mu_f * hooks.grip(fx, on_f.x, on_f.y), k * mu_b * hooks.grip(fx, on_b.x, on_b.y)
         u_f = p.u_w * hooks.lead(fx, pair.p_xf, pair.p_yf)
         u_b = p.u_w * hooks.lead(fx, pair.p_xb, pair.p_yb)
-    return Soil(
+    return PairSoil(
         u_f, u_b, k * body.k_l, k * body.k_t, mu_f * body.mu_s, mu_f * body.mu_d, mu_b * body.mu_s, mu_b * body.mu_d,
         p.load, 0.5 * (on_f.x + on_b.x), 0.5 * (on_f.y + on_b.y), 0.5 * (on_f.x - on_b.x), 0.5 * (on_f.y - on_b.y),
         on_f.k, on_b.k,

@@ -123,7 +123,7 @@ def hold_efficiencies(p, eta, hold):
             hold[INERTIA + motor], hold[INVERSE + motor] = J, 1.0 / J
 
 
-class Turning(NamedTuple):
+class MotorMotion(NamedTuple):
     """A motor at an instant: its number and mode, rotation, acceleration by which it follows, what the step holds.
 
     And for a velocity loop the error of its speed, rad/s, and the integral of that, rad.
@@ -142,7 +142,7 @@ class Turning(NamedTuple):
     behind: float
 
 
-class Acting(NamedTuple):
+class MotorAction(NamedTuple):
     """What a motor does: torques of the motor, on its wheels' axle and of drag (N m), acceleration, new speed."""
 
     M_m: float
@@ -166,7 +166,7 @@ def turning(p, fx, modes, motor, theta, theta_dot, drive, hold):
         wish = follow(
             damping, stiffness, theta, theta_dot, drive[D + motor], drive[D_DOT + motor], drive[D_DDOT + motor]
         )  # fmt: skip
-    return Turning(
+    return MotorMotion(
         motor, mode, theta, theta_dot, wish, hold[TORQUE_D + motor], hold[GEAR + motor], hold[INERTIA + motor],
         hold[INVERSE + motor], error, behind,
     )  # fmt: skip
@@ -237,7 +237,7 @@ def motor_acts(p, fx, unit, motor, forces):
     if fx is not None:
         load += drag
     M_m, theta_ddot = solved(fx, motor, motor.J, motor.inverse_J, load, unit.torque_max)
-    return Acting(M_m, M_r, drag, theta_ddot, motor.theta_dot)
+    return MotorAction(M_m, M_r, drag, theta_ddot, motor.theta_dot)
 
 
 @inlined
@@ -306,7 +306,7 @@ def motor_with_wheels(body, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt, 
     -------
     contact.PairForces
         Over a step those at the new speed.
-    Acting
+    MotorAction
     """
     speed = motor.theta_dot
     if dt is not None:
@@ -317,7 +317,7 @@ def motor_with_wheels(body, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt, 
     forces = pair_forces(within_friction, body, fx, pair, soil, motor.number, rim, angle, kept_f, kept_b, dt)
     if dt is None:
         if motor.mode == PRESCRIBED and not torques:
-            return forces, Acting(0.0, 0.0, 0.0, motor.wish, speed)
+            return forces, MotorAction(0.0, 0.0, 0.0, motor.wish, speed)
         return forces, motor_acts(p, fx, unit, motor, forces)
     M_r = load_torque(p, unit, forces, omega)
     drag = dragging(fx, unit, motor, speed) if fx is not None else 0.0
@@ -325,7 +325,7 @@ def motor_with_wheels(body, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt, 
         M_m = motor.J * theta_ddot + motor.gear * M_r
         if fx is not None:
             M_m += drag
-    return forces, Acting(M_m, M_r, drag, theta_ddot, speed)
+    return forces, MotorAction(M_m, M_r, drag, theta_ddot, speed)
 
 
 @inlined

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from artibot_sim.model.effects import EFFECTS, RECORD_DTYPE, at_work
 from artibot_sim.model.effects.base import Effect, Values
 from artibot_sim.model.effects.hooks import PLACES
-from artibot_sim.model.equations.plane import Body, Ground
+from artibot_sim.model.equations.plane import Body, CommonTerms
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.layout import MEMORY
 
@@ -136,7 +136,7 @@ _SIZES = {
     "DAMPING": 4, "STIFFNESS": 4, "LEVER": 4, "ROLLS": 4,
     # velocity loops: error of the speed, angle behind the command at the stage and at the step's start, its integral
     "ERROR": 4, "TRAIL_S": 4, "TRAIL": 4, "BEHIND": 4,
-    "BODY_F": len(Body._fields), "BODY_B": len(Body._fields), "GROUND": len(Ground._fields),
+    "BODY_F": len(Body._fields), "BODY_B": len(Body._fields), "GROUND": len(CommonTerms._fields),
     # whether a coordinate is sound, and in how many rows it was
     "SOUND": SIZE, "KEPT": SIZE,
     "EFFECTS": EFFECT_VALUES,

@@ -171,7 +171,7 @@ def fill_rows(lot, lane, grid, kept, rows, work, tables, fx=None):
         What `run_lot` has kept.
     rows : int
         How many.
-    work : loop.Work
+    work : loop.Workspace
     tables : tuple of 3 arrays, shapes (rows, 16), (rows, 16), (rows, ROW)
         An output: q, v and the named contributions.
     fx : record, optional

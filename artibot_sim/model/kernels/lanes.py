@@ -11,7 +11,7 @@ from artibot_sim.model.effects import hooks
 from artibot_sim.model.equations.contact import pair_forces, within_friction_lanes
 from artibot_sim.model.equations.plane import (
     Body,
-    Ground,
+    CommonTerms,
     Motion,
     module_wheels,
     planar_accelerations,
@@ -231,7 +231,7 @@ def forces_now(body, fx, pair, soil, motor, rim, angle, kept_f, kept_b):
 @inlined
 def ground_of(S, at):
     """What the modules of the lane whose numbers begin at `at` share."""
-    return Ground(
+    return CommonTerms(
         S[at], S[at + LANES], S[at + 2 * LANES], S[at + 3 * LANES], S[at + 4 * LANES], S[at + 5 * LANES],
         S[at + 6 * LANES],
     )  # fmt: skip

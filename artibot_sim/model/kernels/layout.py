@@ -145,7 +145,7 @@ class RunState(NamedTuple):
     behind: NDArray[np.float64]
 
 
-class MotorInputs(NamedTuple):
+class KernelInputs(NamedTuple):
     """How each motor is moved, and what is commanded.
 
     Attributes
@@ -173,7 +173,7 @@ class Grid(NamedTuple):
     knot_steps: int
 
 
-class Rows(NamedTuple):
+class RowTables(NamedTuple):
     """Tables that a loop fills: coordinates and rates (rows, 16), and the named contributions (rows, ROW)."""
 
     q: NDArray[np.float64]

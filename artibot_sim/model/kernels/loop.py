@@ -38,7 +38,7 @@ LIMIT = 1e6
 """A speed (m/s or rad/s) or angle beyond which a rollout has diverged; motors of Epi.q reach 3000 rad/s."""
 
 
-class Work(NamedTuple):
+class Workspace(NamedTuple):
     """Arrays that a loop works in, so that it allocates nothing."""
 
     w: NDArray[np.float64]
@@ -56,9 +56,9 @@ class Work(NamedTuple):
     sum_lag: NDArray[np.float64]
 
 
-def workspace() -> Work:
+def workspace() -> Workspace:
     """A fresh one, for one loop at a time."""
-    return Work(*map(np.zeros, (ROW, 12, 16, HELD, 4, 16, 16, 16, 16, ENERGIES, ENERGIES, 2 * MEMORY, MEMORY)))
+    return Workspace(*map(np.zeros, (ROW, 12, 16, HELD, 4, 16, 16, 16, 16, ENERGIES, ENERGIES, 2 * MEMORY, MEMORY)))
 
 
 @inlined
@@ -258,7 +258,7 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
     p : record of PARAMS_DTYPE
     inputs : layout.MotorInputs
     grid : layout.Grid
-    work : Work
+    work : Workspace
     out : layout.Rows
     out_e : array, shape (rows, ENERGIES), or None
         None leaves the energies out, at compile time; an array without rows does when the loop runs.

@@ -8,11 +8,11 @@ from artibot_sim.model.effects import hooks
 from artibot_sim.model.effects.force_law import motion_in, note_angles, note_module
 from artibot_sim.model.equations.contact import PairForces, normal_force
 from artibot_sim.model.equations.dynamics import mass_centre, write_loads
-from artibot_sim.model.equations.plane import Body, Ground, Motion, module_pairs, planar_accelerations
+from artibot_sim.model.equations.plane import Body, CommonTerms, Motion, module_pairs, planar_accelerations
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.elementary import sincos, turn_by
 from artibot_sim.model.kernels.integrators import (
-    Acting,
+    MotorAction,
     kept_by,
     loaded,
     motor_with_wheels,
@@ -128,14 +128,14 @@ class Instant(NamedTuple):
     Attributes
     ----------
     forces : tuple of 4 contact.PairForces
-    acting : tuple of 4 integrators.Acting
+    acting : tuple of 4 integrators.MotorAction
         Both in the order of MOTORS.
     contacts, joint, loads : tuple
         See `plane.planar_accelerations`.
     """
 
     forces: tuple[PairForces, PairForces, PairForces, PairForces]
-    acting: tuple[Acting, Acting, Acting, Acting]
+    acting: tuple[MotorAction, MotorAction, MotorAction, MotorAction]
     contacts: tuple[Three, Three]
     joint: Five
     loads: tuple[Five, Five]
@@ -197,13 +197,13 @@ class Standing(NamedTuple):
 
     front: Body
     back: Body
-    ground: Ground
+    ground: CommonTerms
 
 
 @inlined
 def stand(p, fx, q):
     """A level rover at q (16,)."""
-    ground = Ground(p.u_w, p.g_x, p.g_y, p.A_joint, 1.0 if p.two else 0.0, p.load, p.pitching)
+    ground = CommonTerms(p.u_w, p.g_x, p.g_y, p.A_joint, 1.0 if p.two else 0.0, p.load, p.pitching)
     return Standing(
         standing(p.front, p, fx, FRONT, q[Z]), standing(p.back, p, fx, BEHIND, q[BACK + Z]), ground
     )  # fmt: skip

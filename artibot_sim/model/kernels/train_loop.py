@@ -52,7 +52,7 @@ from artibot_sim.model.kernels.integrators import (
     INVERSE,
     TORQUE_D,
     D,
-    Turning,
+    MotorMotion,
     begin_loops,
     kept_by,
     loaded,
@@ -167,7 +167,7 @@ def side_forces(p, fx, unit, side, i, q, v, modes, pair, soil, drive, hold, lag,
     """A motor of a module (0 for the front one, else 1) and its wheels, into its row; returns `contact.PairForces`."""
     a, c = 2 * side, THETA_R + side
     local = turning(p, fx, modes, side, q[c], v[c], drive, hold)
-    motor = Turning(
+    motor = MotorMotion(
         2 * i + side, local.mode, local.theta, local.theta_dot, local.wish, local.torque, local.gear, local.J,
         local.inverse_J, local.error, local.behind,
     )  # fmt: skip

@@ -44,7 +44,7 @@ STAGES, TURNING = range(2)
 """Places in the settings of `run_windows`."""
 
 
-class Work(NamedTuple):
+class WindowItems(NamedTuple):
     """What items run on, as compiled code takes it; n items, r robots, m samples asked for.
 
     Attributes
@@ -219,7 +219,7 @@ def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, ou
 
     Parameters
     ----------
-    work : Work
+    work : WindowItems
     knot_steps : int
         Steps of `dt` (s) from a knot to the next, for all items in `order`.
     settings : array of int, shape (2,)

@@ -21,7 +21,7 @@ from artibot_sim.model.kernels.layout import ROW, Grid
 from artibot_sim.model.robot.derived import PARAMS_DTYPE
 from artibot_sim.model.robot.robot import Robot
 from artibot_sim.model.simulate.commands import Commands
-from artibot_sim.model.simulate.rollout import Rollout, Setup, driven_by, finished, prepare, simulate
+from artibot_sim.model.simulate.rollout import Rollout, RolloutSetup, driven_by, finished, prepare, simulate
 from artibot_sim.model.simulate.state import State, from_memory
 
 # ----------------------------------------------------------------------
@@ -45,7 +45,7 @@ class Lanes:
     """
 
     places: Sequence[int]
-    setups: Sequence[Setup]
+    setups: Sequence[RolloutSetup]
     dt: float
     every: int
 
@@ -107,7 +107,7 @@ class Lanes:
         return finished(setup, self.dt, "rk4", self.every, rows, (*tables, None), final)
 
 
-def _packed(setups: Sequence[Setup]) -> tuple[NDArray[Any], NDArray[Any], tuple[float, ...] | None]:
+def _packed(setups: Sequence[RolloutSetup]) -> tuple[NDArray[Any], NDArray[Any], tuple[float, ...] | None]:
     """Parameters and effects as records, and what of the extended model they need."""
     effects = np.zeros(len(setups), RECORD_DTYPE)
     for i, setup in enumerate(setups):
@@ -117,7 +117,7 @@ def _packed(setups: Sequence[Setup]) -> tuple[NDArray[Any], NDArray[Any], tuple[
     return np.array([setup.p for setup in setups], dtype=PARAMS_DTYPE), effects, extension(setups[0].robot.effects)
 
 
-def in_lanes(setups: Sequence[Setup], dt: float, every: Sequence[int]) -> Iterator[Lanes]:
+def in_lanes(setups: Sequence[RolloutSetup], dt: float, every: Sequence[int]) -> Iterator[Lanes]:
     """Those that stay on a plane and know no laws, in lots of equal length and commands' spacing."""
     from artibot_sim.model.kernels.lane_layout import LANES
     from artibot_sim.model.kernels.lane_loading import find_level
@@ -163,7 +163,7 @@ class _Single:
     """A rollout that runs alone."""
 
     places: tuple[int]
-    setup: Setup
+    setup: RolloutSetup
     options: tuple[float, str, int, bool]
 
     def run(self) -> list[Rollout]:

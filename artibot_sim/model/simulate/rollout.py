@@ -36,8 +36,8 @@ from artibot_sim.model.kernels.layout import (
     ROW,
     THETA_R,
     Grid,
-    MotorInputs,
-    Rows,
+    KernelInputs,
+    RowTables,
     RunState,
     Z,
 )
@@ -158,7 +158,7 @@ def fastest_wheel(robot: Robot, p: Params | Train, commands: Commands, modes: tu
     )
 
 
-class Setup(NamedTuple):
+class RolloutSetup(NamedTuple):
     """What is to be simulated, checked: `p` and `modes` as the kernel takes them, `kappa`, where from, how far.
 
     Of a train `modes` are those of its motors. `ground` is None where it is flat.
@@ -177,7 +177,7 @@ class Setup(NamedTuple):
 def prepare(
     robot: Robot, commands: Commands, dt: float, integrator: str, every: int, modes: Mode | Sequence[Mode] | None,
     kappa: float | None, state: State | None, duration: float | None, ground: Ground | None = None,
-) -> Setup:  # fmt: skip
+) -> RolloutSetup:  # fmt: skip
     """Check what `rollout` is given, see there."""
     chosen = chosen_modes(robot, commands, modes)
     check_step(commands, dt, integrator, every)
@@ -210,7 +210,7 @@ def prepare(
             f"state: {len(start.q)} coordinates; robot '{robot.name}' has {8 * max(2, len(robot.modules))}"
         )
     steps = number_of_steps(commands.duration if duration is None else duration, dt, every, max(2, len(robot.modules)))
-    return Setup(robot, commands, p, chosen, share, start, steps, ground)
+    return RolloutSetup(robot, commands, p, chosen, share, start, steps, ground)
 
 
 def _numbers(robot: Robot, modes: tuple[Mode, ...], ground: Ground | None) -> Params | Train:
@@ -636,7 +636,7 @@ def rollout(
     return simulate(setup, dt, integrator, every, energy)
 
 
-def simulate(setup: Setup, dt: float, integrator: str, every: int, energy: bool) -> Rollout:
+def simulate(setup: RolloutSetup, dt: float, integrator: str, every: int, energy: bool) -> Rollout:
     """As `rollout`, of what was checked already."""
     from artibot_sim.model.kernels import loop
     from artibot_sim.model.kernels.advance import advance
@@ -655,9 +655,9 @@ def simulate(setup: Setup, dt: float, integrator: str, every: int, energy: bool)
         array.copy() for array in (start.q, start.v, start.eta, start.torque, start.memory, start.behind)
     )
     fx = record(robot.effects, start.t)
-    inputs = MotorInputs(np.array(modes, dtype=np.int64), *driven_by(commands), back_torque_factor(robot, kappa))
+    inputs = KernelInputs(np.array(modes, dtype=np.int64), *driven_by(commands), back_torque_factor(robot, kappa))
     grid = Grid(dt / cut, steps * cut, every * cut, round(commands.dt / dt) * cut)
-    out = Rows(*(np.empty((rows, width)) for width in (16, 16, ROW)))
+    out = RowTables(*(np.empty((rows, width)) for width in (16, 16, ROW)))
     out_e = np.empty((rows, ENERGIES)) if energy else None
     given = RunState(q, v, eta, torque, behind), packed(p), inputs, grid, loop.workspace(), out, out_e
     effects: tuple[Any, ...] = ()
@@ -683,7 +683,7 @@ def stopped(found: Array, ground: str) -> str | None:
 
 
 def finished(
-    setup: Setup, dt: float, integrator: str, every: int, kept: int,
+    setup: RolloutSetup, dt: float, integrator: str, every: int, kept: int,
     tables: tuple[Array, Array, Array, Array | None], final: State | None, surface: Surface | None = None,
 ) -> Rollout:  # fmt: skip
     """A rollout's result: the first `kept` rows of q, v, the named contributions and energies; diverged if not `final`.

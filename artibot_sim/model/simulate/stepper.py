@@ -19,7 +19,7 @@ from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.ground.raster import Ground
 from artibot_sim.model.kernels import loop
 from artibot_sim.model.kernels.advance import advance
-from artibot_sim.model.kernels.layout import M_M, MEMORY, ROW, Grid, MotorInputs, Rows, RunState
+from artibot_sim.model.kernels.layout import M_M, MEMORY, ROW, Grid, KernelInputs, RowTables, RunState
 from artibot_sim.model.robot.derived import PARAMS_DTYPE, on_ground, params
 from artibot_sim.model.robot.parameters import Params
 from artibot_sim.model.robot.robot import Robot
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 _RECORDS = ("right_front", "left_front", "right_back", "left_back")
 
 
-class Turn(NamedTuple):
+class MotorCommand(NamedTuple):
     """What a motor is commanded for a slice, motor-side; its current limit never lets it exceed its `torque_max`.
 
     Attributes
@@ -50,7 +50,7 @@ class Turn(NamedTuple):
     limit: float = math.inf
 
 
-COASTING = Turn()
+COASTING = MotorCommand()
 """A motor without current."""
 
 
@@ -112,7 +112,7 @@ class Stepper:
         self._shared = back_torque_factor(robot)
         self._modes = np.full(4, Mode.TORQUE, dtype=np.int64)
         self._position, self._velocity, self._torque_d = np.zeros((2, 4)), np.zeros((2, 4)), np.zeros((2, 4))
-        self._work, self._out = loop.workspace(), Rows(*(np.empty((2, width)) for width in (16, 16, ROW)))
+        self._work, self._out = loop.workspace(), RowTables(*(np.empty((2, width)) for width in (16, 16, ROW)))
         self.q, self.v, self.torque = np.zeros(16), np.zeros(16), np.zeros(4)
         self._eta, self._previous, self._memory = np.zeros(4), np.zeros(4), np.zeros(MEMORY)
         self._behind = np.zeros(4)
@@ -137,7 +137,7 @@ class Stepper:
         self.q[:], self.v[:], self._eta[:], self._previous[:] = state.q, state.v, state.eta, state.torque
         self.torque[:], self._memory[:], self._behind[:] = state.torque, state.memory, state.behind
 
-    def advance(self, steps: int, turns: tuple[Turn, Turn, Turn, Turn]) -> Status:
+    def advance(self, steps: int, turns: tuple[MotorCommand, MotorCommand, MotorCommand, MotorCommand]) -> Status:
         """Go on by `steps` steps; `turns` are in the order of MOTORS (a rigid robot's back ones are ignored).
 
         Returns
@@ -155,7 +155,7 @@ class Stepper:
         if self._effects is not None:
             self._effects["t"] = self.t
         cut = steps * self._parts
-        inputs = MotorInputs(self._modes, self._position, self._velocity, self._torque_d, self._shared)
+        inputs = KernelInputs(self._modes, self._position, self._velocity, self._torque_d, self._shared)
         grid = Grid(self.dt / self._parts, cut, cut, 2 * cut)
         given = RunState(q, v, eta, previous, behind), self._table[0], inputs, grid, self._work, self._out, None
         if self._surface is not None:
@@ -181,7 +181,7 @@ class Stepper:
             self._steps += steps
         return Status(status)
 
-    def _command(self, motor: int, turn: Turn, slice_s: float) -> None:
+    def _command(self, motor: int, turn: MotorCommand, slice_s: float) -> None:
         """Write down one motor's mode, set-points and limit.
 
         The knots lie two slices apart, so that the torque at the slice's end is one in the middle of a motion, not at

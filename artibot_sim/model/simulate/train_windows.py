@@ -29,8 +29,8 @@ from artibot_sim.model.kernels.layout import (
     MEMORY,
     SAT,
     Grid,
-    MotorInputs,
-    Rows,
+    KernelInputs,
+    RowTables,
     RunState,
     X,
     Y,
@@ -54,7 +54,7 @@ from artibot_sim.model.robot.parameters import Train
 from artibot_sim.model.robot.robot import Robot
 from artibot_sim.model.simulate import trains
 from artibot_sim.model.simulate.sensors import sensor_errors
-from artibot_sim.model.simulate.window_inputs import OF_MODULE, OF_TWO, Items, MotorTable, Plan, longest_step
+from artibot_sim.model.simulate.window_inputs import OF_MODULE, OF_TWO, Items, MotorTable, SamplingPlan, longest_step
 
 Array = NDArray[np.float64]
 
@@ -116,7 +116,7 @@ class TrainWindows:
     robots : sequence of Robot
         All with as many modules.
     tables : sequence of MotorTable
-    plans : sequence of Plan
+    plans : sequence of SamplingPlan
     items : Items
         Their states are (n, 8 modules).
     dt : float
@@ -124,7 +124,12 @@ class TrainWindows:
     """
 
     def __init__(
-        self, robots: Sequence[Robot], tables: Sequence[MotorTable], plans: Sequence[Plan], items: Items, dt: float
+        self,
+        robots: Sequence[Robot],
+        tables: Sequence[MotorTable],
+        plans: Sequence[SamplingPlan],
+        items: Items,
+        dt: float,
     ) -> None:
         self._robots, self._tables, self._plans, self._items, self._dt = robots, tables, plans, items, dt
         wanted = sorted({(int(r), int(t)) for r, t in zip(items.robot, items.table, strict=True)})
@@ -165,7 +170,7 @@ class TrainWindows:
         if trailing:
             angle, speed = late
             position, velocity = position + trailing * (angle - angle[:, :1]), velocity + trailing * speed
-        inputs = MotorInputs(
+        inputs = KernelInputs(
             of.modes.reshape(modules, 2), position / turned, velocity / turned, torque / pulled, np.array(of.factors)
         )
         q, v = (array[i].reshape(modules, 8).copy() for array in (items.q, items.v))
@@ -178,7 +183,7 @@ class TrainWindows:
             effects = fx, memory
         steps = round(table.dt / self._dt) * of.parts
         grid = Grid(self._dt / of.parts, knots * steps, steps, steps)
-        rows = Rows(
+        rows = RowTables(
             np.empty((knots + 1, 8 * modules)), np.empty((knots + 1, 8 * modules)),
             np.empty((knots + 1, len(KEPT) * modules)),
         )  # fmt: skip
@@ -190,7 +195,7 @@ class TrainWindows:
             _sample(rows, modules, table.dt, kept, plan, of.sensors, out)
 
 
-def _sample(rows: Rows, modules: int, h: float, kept: int, plan: Plan, sensors: Array, out: Array) -> None:
+def _sample(rows: RowTables, modules: int, h: float, kept: int, plan: SamplingPlan, sensors: Array, out: Array) -> None:
     """Samples of a plan into `out`, from `kept` rows `h` (s) apart, pair of modules by pair."""
     behind = np.maximum(plan.kind - OF_TWO, -1) // len(OF_MODULE) + 1
     for pair in range(modules - 1):
@@ -205,7 +210,7 @@ def _sample(rows: Rows, modules: int, h: float, kept: int, plan: Plan, sensors: 
         out[mine[reached]] = seen[reached]
 
 
-def _pair(rows: Rows, pair: int, modules: int, kept: int) -> Array:
+def _pair(rows: RowTables, pair: int, modules: int, kept: int) -> Array:
     """Rows (kept, COLUMNS) of a module and the one behind it; what single wheels do is of all modules."""
     q, v = (array[:kept, 8 * pair : 8 * pair + 16] for array in (rows.q, rows.v))
     w = rows.w[:kept].reshape(kept, modules, len(KEPT))

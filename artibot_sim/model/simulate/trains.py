@@ -17,7 +17,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model.analysis.stability import largest_step, parts
 from artibot_sim.model.effects import records
 from artibot_sim.model.equations.transmission import Mode
-from artibot_sim.model.kernels.layout import Grid, MotorInputs, Rows, RunState
+from artibot_sim.model.kernels.layout import Grid, KernelInputs, RowTables, RunState
 from artibot_sim.model.kernels.train_layout import KEPT, KEPT_ENERGIES
 from artibot_sim.model.robot.derived import packed_all
 from artibot_sim.model.robot.parameters import Train
@@ -58,7 +58,7 @@ def unlimited_beside_prescribed(p: Train, modes: Sequence[Mode]) -> Train:
 
 def inputs_of(
     robot: Robot, commands: Commands, modes: Sequence[Mode] = (), factors: Sequence[float] = ()
-) -> MotorInputs:
+) -> KernelInputs:
     """What the loops take: `commands` for each side, zero where nothing is commanded, NaN for the torque of eq. 30.
 
     Modes are those of all sides (`by_side`), `factors` of `transmission.torque_factors`.
@@ -85,7 +85,7 @@ def inputs_of(
         np.ascontiguousarray(table.reshape(shape).swapaxes(1, 2)) for table in (position, velocity, torque)
     )
     by_module = np.array(modes, dtype=np.int64).reshape(-1, 2)
-    return MotorInputs(by_module, position, velocity, torque, np.array(factors, dtype=float))
+    return KernelInputs(by_module, position, velocity, torque, np.array(factors, dtype=float))
 
 
 class Tables(NamedTuple):
@@ -98,7 +98,7 @@ class Tables(NamedTuple):
 
 
 def run(
-    robot: Robot, p: Train, inputs: MotorInputs, start: State, grid: Grid, integrator: str, energy: bool
+    robot: Robot, p: Train, inputs: KernelInputs, start: State, grid: Grid, integrator: str, energy: bool
 ) -> tuple[Tables, int, State | None]:
     """Simulate; a step is cut into as many parts as the quickest motion needs.
 
@@ -131,7 +131,7 @@ def run(
     cut_grid = Grid(dt / cut, steps * cut, every * cut, knot_steps * cut)
     status, kept = loop(
         RunState(q, v, eta, torque, behind), packed_all(p.modules), packed_all(p.joints), inputs, cut_grid,
-        train_loop.workspace(modules), Rows(*tables[:3]), tables.e, *effects,
+        train_loop.workspace(modules), RowTables(*tables[:3]), tables.e, *effects,
     )  # fmt: skip
     if status != train_loop.OK:
         return tables, kept, None

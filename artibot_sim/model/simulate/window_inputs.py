@@ -112,7 +112,7 @@ def longest_step(steps: Sequence[float], limit: float, tables: Sequence[MotorTab
 
 
 @dataclass(frozen=True)
-class Plan:
+class SamplingPlan:
     """Where a window is looked at.
 
     Attributes

@@ -24,7 +24,7 @@ from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
 from artibot_sim.model.kernels.advance import advance
 from artibot_sim.model.kernels.lane_layout import EXTENDED, extension, flat
-from artibot_sim.model.kernels.layout import MEMORY, ROW, Grid, MotorInputs, Rows, RunState
+from artibot_sim.model.kernels.layout import MEMORY, ROW, Grid, KernelInputs, RowTables, RunState
 from artibot_sim.model.kernels.sampling import (
     COLUMNS,
     ENCODER_SCALE,
@@ -40,10 +40,10 @@ from artibot_sim.model.simulate.batch import available_cores
 from artibot_sim.model.simulate.rollout import unlimited_beside_prescribed
 from artibot_sim.model.simulate.sensors import sensor_errors
 from artibot_sim.model.simulate.train_windows import TrainWindows, train_step
-from artibot_sim.model.simulate.window_inputs import Items, MotorTable, Plan, longest_step
+from artibot_sim.model.simulate.window_inputs import Items, MotorTable, SamplingPlan, longest_step
 
 if TYPE_CHECKING:
-    from artibot_sim.model.kernels.window_lanes import Work
+    from artibot_sim.model.kernels.window_lanes import WindowItems
     from artibot_sim.model.robot.parameters import Params
 
 # ----------------------------------------------------------------------
@@ -117,7 +117,7 @@ class PlanTable:
     wheels: Mask
 
     @classmethod
-    def of(cls, plans: Sequence[Plan]) -> PlanTable:
+    def of(cls, plans: Sequence[SamplingPlan]) -> PlanTable:
         """Of plans."""
         sizes = np.array([len(plan.t) for plan in plans], np.int64)
         t = np.concatenate([np.empty(0), *(plan.t for plan in plans)])
@@ -229,12 +229,12 @@ def level(fleet: Fleet, items: Items) -> Mask:
     return found
 
 
-def lane_work(fleet: Fleet, items: Items, knots: Knots, plans: PlanTable, ends: Indices) -> Work:
+def lane_work(fleet: Fleet, items: Items, knots: Knots, plans: PlanTable, ends: Indices) -> WindowItems:
     """All that lanes need; `ends` (n,) are where the items' results end."""
-    from artibot_sim.model.kernels.window_lanes import Work
+    from artibot_sim.model.kernels.window_lanes import WindowItems
 
     sizes, begin = plans.sizes[items.plan], plans.begin[items.plan]
-    return Work(
+    return WindowItems(
         fleet.records, fleet.eta, flat(fleet.effects), fleet.sensors, knots.position, knots.velocity, knots.torque,
         knots.behind, knots.modes[items.table], fleet.share[items.robot, items.table], _whole(items.robot),
         knots.begin[items.table] + items.first, _whole(items.knots), _real(items.q), _real(items.v), _real(items.t),
@@ -266,7 +266,7 @@ def _real(values: Array) -> Array:
 class SingleBuffers(NamedTuple):
     """What one thread writes into."""
 
-    work: loop.Work
+    work: loop.Workspace
     q: Array
     v: Array
     w: Array
@@ -294,7 +294,14 @@ def turned_motors(table: MotorTable, part: slice, sensors: Array) -> tuple[Array
 
 
 def run_window(
-    fleet: Fleet, items: Items, i: int, table: MotorTable, plan: Plan, dt: float, room: SingleBuffers, out: Array
+    fleet: Fleet,
+    items: Items,
+    i: int,
+    table: MotorTable,
+    plan: SamplingPlan,
+    dt: float,
+    room: SingleBuffers,
+    out: Array,
 ) -> None:
     """Item `i`: what its plan asks for, into `out` (m,), which is left as it is from where the rollout diverged."""
     r, first, knots = int(items.robot[i]), int(items.first[i]), int(items.knots[i])
@@ -310,12 +317,12 @@ def run_window(
     work, q, v, w, rows = room
     pulled = fleet.sensors[r, TORQUE_SCALE]
     state = RunState(items.q[i].copy(), items.v[i].copy(), fleet.eta[r].copy(), np.zeros(4), np.zeros(4))
-    inputs = MotorInputs(
+    inputs = KernelInputs(
         np.array(table.modes, dtype=np.int64), position, velocity, torque / pulled,
         fleet.share[r, items.table[i]],
     )  # fmt: skip
     grid = Grid(dt, knots * knot_steps, knot_steps, knot_steps)
-    _, kept = advance("rk4", (state, fleet.records[r], inputs, grid, work, Rows(q, v, w), None), extra)
+    _, kept = advance("rk4", (state, fleet.records[r], inputs, grid, work, RowTables(q, v, w), None), extra)
     if kept > 1:
         gather(q, v, w, kept, rows)
         sample(rows, table.dt, kept, fleet.robots[r].articulated, plan.t, plan.kind, fleet.sensors, r, out)
@@ -352,7 +359,7 @@ class WindowBatch:
     Parameters
     ----------
     tables : sequence of MotorTable
-    plans : sequence of Plan
+    plans : sequence of SamplingPlan
     dt : float
         Integration step, s; it divides every table's `dt`.
     workers : int, optional
@@ -362,7 +369,7 @@ class WindowBatch:
     """
 
     tables: Sequence[MotorTable]
-    plans: Sequence[Plan]
+    plans: Sequence[SamplingPlan]
     dt: float
     workers: int | None = None
     plain: Robot | None = None

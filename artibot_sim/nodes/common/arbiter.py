@@ -36,7 +36,7 @@ from artibot_sim.nodes.common.profile import Pair, Profile, Refused
 # ----------------------------------------------------------------------
 
 
-class Source(Enum):
+class CommandSource(Enum):
     """Who sets the front motors' velocities."""
 
     NONE = "none"
@@ -45,20 +45,20 @@ class Source(Enum):
     CMD_VEL = "cmd_vel"
 
 
-AUTO = (Source.LIVE, Source.PROFILE, Source.CMD_VEL)
+AUTO = (CommandSource.LIVE, CommandSource.PROFILE, CommandSource.CMD_VEL)
 """Who rules when several speak, the first one first: a request at the motors, the experiment under way, a joystick."""
 
 TOPICS = {
-    Source.LIVE: "motor_command_request",
-    Source.PROFILE: "planned/front_velocity",
-    Source.CMD_VEL: "cmd_vel",
+    CommandSource.LIVE: "motor_command_request",
+    CommandSource.PROFILE: "planned/front_velocity",
+    CommandSource.CMD_VEL: "cmd_vel",
 }
 
 SIGN_OF_LIFE = "planned/odom"
 """A planner's, while its profile is followed."""
 
 
-def parse_sources(text: str) -> tuple[Source, ...]:
+def parse_sources(text: str) -> tuple[CommandSource, ...]:
     """Sources in order of precedence from ``auto``, ``none`` or names with commas between.
 
     Raises
@@ -100,7 +100,7 @@ class Rules:
     metres_per_radian: float
     track: float
     torque_max: float = math.inf
-    sources: tuple[Source, ...] = AUTO
+    sources: tuple[CommandSource, ...] = AUTO
     command_timeout: float = 0.1
     cmd_vel_timeout: float = 0.5
     stop_deceleration: float = 2.0
@@ -232,7 +232,7 @@ class Twist:
 
 
 @dataclass(frozen=True)
-class Pending:
+class PendingProfile:
     """An accepted profile: when it came, and when its first point was reached (None before)."""
 
     profile: Profile
@@ -246,16 +246,16 @@ class Commanding:
 
     position: Pair = (0.0, 0.0)
     velocity: Pair = (0.0, 0.0)
-    source: Source = Source.NONE
+    source: CommandSource = CommandSource.NONE
     live: Live | None = None
     twist: Twist | None = None
-    pending: Pending | None = None
+    pending: PendingProfile | None = None
     sign_of_life: float | None = None
     last_key: bytes | None = None
 
 
 @dataclass(frozen=True)
-class Decision:
+class PeriodCommands:
     """Commands of one period: knots at its start, between, and its end.
 
     Attributes
@@ -264,7 +264,7 @@ class Decision:
         Front right and left at each knot, rad/s and rad, motor-side.
     effort : (float, float)
         Back right and left, N·m; NaN where eq. 30 rules.
-    source : Source
+    source : CommandSource
         Who ruled at the end of the period.
     notice : str
         Something a person should know, or empty.
@@ -275,7 +275,7 @@ class Decision:
     velocity: tuple[Pair, ...]
     position: tuple[Pair, ...]
     effort: Pair
-    source: Source
+    source: CommandSource
     notice: str = ""
     silenced: bool = False
 
@@ -290,12 +290,12 @@ def take_twist(state: Commanding, velocity: Pair, now: float) -> Commanding:
     return replace(state, twist=Twist(velocity, now))
 
 
-def take_refusal(state: Commanding, source: Source) -> Commanding:
+def take_refusal(state: Commanding, source: CommandSource) -> Commanding:
     """A message that was refused ends the command that its source gave before; a profile stands by itself."""
     return replace(
         state,
-        live=None if source is Source.LIVE else state.live,
-        twist=None if source is Source.CMD_VEL else state.twist,
+        live=None if source is CommandSource.LIVE else state.live,
+        twist=None if source is CommandSource.CMD_VEL else state.twist,
     )
 
 
@@ -324,7 +324,7 @@ def take_profile(state: Commanding, profile: Profile, rules: Rules, t_ns: int, n
         raise Refused(f"its start lies {ahead:.0f} s ahead, more than an hour; {clocks}")
     for velocity in profile.velocity:
         rules.check_speed(velocity)
-    return replace(state, pending=Pending(profile, now), last_key=profile.key)
+    return replace(state, pending=PendingProfile(profile, now), last_key=profile.key)
 
 
 def commanded(state: Commanding) -> bool:
@@ -334,49 +334,54 @@ def commanded(state: Commanding) -> bool:
 
 def decide(
     state: Commanding, rules: Rules, t_ns: int, knot_ns: int, knots: int, now: float
-) -> tuple[Commanding, Decision]:
+) -> tuple[Commanding, PeriodCommands]:
     """Commands for the period that begins at `t_ns` and lasts ``knots * knot_ns`` nanoseconds.
 
     Returns
     -------
-    Commanding, Decision
+    Commanding, PeriodCommands
         What was received, without what is over, and with the command at the period's end; the ``knots + 1`` commands.
     """
     end_ns = t_ns + knots * knot_ns
     pending, notice = _planner_alive(state, rules, end_ns, now)
     fresh = _fresh(state, rules, now)
-    source, velocity, position = Source.NONE, state.velocity, state.position
+    source, velocity, position = CommandSource.NONE, state.velocity, state.position
     velocities, positions = [velocity], [position]
     for k in range(knots):
         t = t_ns + k * knot_ns
         source = _ruling(rules, fresh, pending, t, t + knot_ns)
-        if pending and pending.begun is not None and source not in (Source.PROFILE, Source.NONE) and _on(pending, t):
+        if (
+            pending
+            and pending.begun is not None
+            and source not in (CommandSource.PROFILE, CommandSource.NONE)
+            and _on(pending, t)
+        ):
             pending, notice = None, f"{TOPICS[source]} takes over: the profile under way is dropped"
         velocity, moved = _next(state, rules, source, pending, velocity, t, knot_ns)
         position = (position[0] + moved[0], position[1] + moved[1])
         velocities.append(velocity)
         positions.append(position)
-    silenced = source is Source.NONE and _asked_for_motion(state, bool(notice))
-    if source is Source.NONE and state.source is not Source.NONE and velocity != (0.0, 0.0):
+    silenced = source is CommandSource.NONE and _asked_for_motion(state, bool(notice))
+    if source is CommandSource.NONE and state.source is not CommandSource.NONE and velocity != (0.0, 0.0):
         notice = notice or f"{TOPICS[state.source]} is silent or over: ramp to standstill"
     if pending and end_ns >= pending.profile.end_ns:
         pending = None
-    effort = state.live.effort if source is Source.LIVE and state.live else NAN_PAIR
+    effort = state.live.effort if source is CommandSource.LIVE and state.live else NAN_PAIR
     after = replace(state, position=position, velocity=velocity, source=source, pending=pending)
-    return after, Decision(tuple(velocities), tuple(positions), effort, source, notice, silenced)
+    return after, PeriodCommands(tuple(velocities), tuple(positions), effort, source, notice, silenced)
 
 
 def _asked_for_motion(state: Commanding, planner_silent: bool) -> bool:
     """Whether the source that ruled until now wanted the rover to move; what has asked for a stop may fall silent."""
-    last = {Source.LIVE: state.live, Source.CMD_VEL: state.twist}.get(state.source)
+    last = {CommandSource.LIVE: state.live, CommandSource.CMD_VEL: state.twist}.get(state.source)
     asked = last.velocity if last else state.velocity
-    return state.source is not Source.NONE and (asked != (0.0, 0.0) or planner_silent)
+    return state.source is not CommandSource.NONE and (asked != (0.0, 0.0) or planner_silent)
 
 
-def _planner_alive(state: Commanding, rules: Rules, end_ns: int, now: float) -> tuple[Pending | None, str]:
+def _planner_alive(state: Commanding, rules: Rules, end_ns: int, now: float) -> tuple[PendingProfile | None, str]:
     """The profile, unless its planner has fallen silent; marked as begun once its first point is reached."""
     pending = state.pending
-    if pending is None or end_ns < pending.profile.begin_ns or Source.PROFILE not in rules.sources:
+    if pending is None or end_ns < pending.profile.begin_ns or CommandSource.PROFILE not in rules.sources:
         return pending, ""
     begun = now if pending.begun is None else pending.begun
     sign, limit = state.sign_of_life, rules.command_timeout
@@ -390,35 +395,45 @@ def _planner_alive(state: Commanding, rules: Rules, end_ns: int, now: float) -> 
     return replace(pending, begun=begun), ""
 
 
-def _fresh(state: Commanding, rules: Rules, now: float) -> frozenset[Source]:
+def _fresh(state: Commanding, rules: Rules, now: float) -> frozenset[CommandSource]:
     """The sources that speak now, profiles aside."""
     live = state.live is not None and now - state.live.at <= rules.command_timeout
     twist = state.twist is not None and now - state.twist.at <= rules.cmd_vel_timeout
-    return frozenset(source for source, speaks in ((Source.LIVE, live), (Source.CMD_VEL, twist)) if speaks)
+    return frozenset(
+        source for source, speaks in ((CommandSource.LIVE, live), (CommandSource.CMD_VEL, twist)) if speaks
+    )
 
 
-def _on(pending: Pending, t_ns: int) -> bool:
+def _on(pending: PendingProfile, t_ns: int) -> bool:
     return pending.profile.begin_ns <= t_ns < pending.profile.end_ns
 
 
-def _ruling(rules: Rules, fresh: frozenset[Source], pending: Pending | None, start: int, end: int) -> Source:
+def _ruling(
+    rules: Rules, fresh: frozenset[CommandSource], pending: PendingProfile | None, start: int, end: int
+) -> CommandSource:
     """The first source in order that speaks in the interval from `start` to `end` (ns)."""
     for source in rules.sources:
-        if source is Source.PROFILE:
+        if source is CommandSource.PROFILE:
             if pending and pending.profile.begin_ns <= end and start < pending.profile.end_ns:
                 return source
         elif source in fresh:
             return source
-    return Source.NONE
+    return CommandSource.NONE
 
 
 def _next(
-    state: Commanding, rules: Rules, source: Source, pending: Pending | None, velocity: Pair, t_ns: int, knot_ns: int
+    state: Commanding,
+    rules: Rules,
+    source: CommandSource,
+    pending: PendingProfile | None,
+    velocity: Pair,
+    t_ns: int,
+    knot_ns: int,
 ) -> tuple[Pair, Pair]:
     """Velocity at the interval's end (rad/s) and the rotation until then (rad)."""
     h = knot_ns * 1e-9
     gain = rules.acceleration_limit * h / rules.metres_per_radian
-    if source is Source.PROFILE and pending:
+    if source is CommandSource.PROFILE and pending:
         profile, end = pending.profile, t_ns + knot_ns
         at, p0 = profile.sample(t_ns)
         target, p1 = profile.sample(end)
@@ -427,9 +442,9 @@ def _next(
             moved = (p1[k] - p0[k] + before * at[k] + past * target[k] for k in (0, 1))
             return target, (next(moved), next(moved))
         after = _toward(velocity, target, gain)
-    elif source is Source.LIVE and state.live:
+    elif source is CommandSource.LIVE and state.live:
         after = state.live.velocity
-    elif source is Source.CMD_VEL and state.twist:
+    elif source is CommandSource.CMD_VEL and state.twist:
         after = _toward(velocity, state.twist.velocity, gain)
     else:
         after = _slower(velocity, rules.stop_deceleration * h / rules.metres_per_radian)

@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory
 
 from artibot_sim.nodes.common import arbiter
-from artibot_sim.nodes.common.arbiter import SIGN_OF_LIFE, TOPICS, Rules, Source, parse_request, parse_twist
+from artibot_sim.nodes.common.arbiter import SIGN_OF_LIFE, TOPICS, CommandSource, Rules, parse_request, parse_twist
 from artibot_sim.nodes.common.profile import Profile, ProfileReader, Refused
 from artibot_sim.nodes.common.qos import LATCHED, subscription
 from artibot_sim.nodes.common.stamps import SECOND, stamp_of
@@ -78,7 +78,7 @@ TYPES_EVERY = 0.25
 """Between two checks of who publishes a command topic as what, s; each looks at one topic."""
 
 
-class Inputs:
+class CommandInputs:
     """Takes commands and decides, with :mod:`artibot_sim.nodes.common.arbiter`, what holds.
 
     Parameters
@@ -101,7 +101,7 @@ class Inputs:
         What was received so far.
     closed : str
         Why no command is taken at the moment, or empty; a command that comes then is lost.
-    refusals : dict of Source to str
+    refusals : dict of CommandSource to str
         Why the last message of a source was refused; nothing where it was not.
     latest : float
         For how long (s) a message was held up on its way at most, since commands were dropped last; 0 unless `aged`.
@@ -117,14 +117,16 @@ class Inputs:
         self._reset_wall_ns = 0
         self._reset_at = -IN_FLIGHT
         self.closed = ""
-        self.refusals: dict[Source, str] = {}
-        self._warned: dict[Source, float] = {}
+        self.refusals: dict[CommandSource, str] = {}
+        self._warned: dict[CommandSource, float] = {}
         self._aged, self.latest = aged, 0.0
         self._ways: dict[str, Lateness] = {}
         sensor = qos_profile_sensor_data
         self._subscriptions = [
-            subscription(node, JointState, TOPICS[Source.LIVE], self._on_request, sensor),
-            subscription(node, TwistStamped if stamped else Twist, TOPICS[Source.CMD_VEL], self._on_twist, sensor),
+            subscription(node, JointState, TOPICS[CommandSource.LIVE], self._on_request, sensor),
+            subscription(
+                node, TwistStamped if stamped else Twist, TOPICS[CommandSource.CMD_VEL], self._on_twist, sensor
+            ),
             subscription(node, Odometry, SIGN_OF_LIFE, self._on_planner, sensor, raw=True),
         ]
         self._stamped = stamped
@@ -138,7 +140,7 @@ class Inputs:
     def listen_for_profiles(self, wanted: bool) -> None:
         """Subscribe to profiles or not: a planner waits for somebody who does before it publishes its one."""
         if wanted and self._profiles is None:
-            topic = TOPICS[Source.PROFILE]
+            topic = TOPICS[CommandSource.PROFILE]
             self._profiles = subscription(self._node, JointTrajectory, topic, self._on_profile, LATCHED, raw=True)
         elif not wanted and self._profiles is not None:
             self._node.destroy_subscription(self._profiles)
@@ -209,7 +211,7 @@ class Inputs:
                 f"publish {expected} there{mend}"
             )
 
-    def decide(self, knot_ns: int, knots: int = 1) -> arbiter.Decision:
+    def decide(self, knot_ns: int, knots: int = 1) -> arbiter.PeriodCommands:
         """Commands for the period of `knots` intervals of `knot_ns` nanoseconds that begins now, ``t_ns``."""
         self.state, decision = arbiter.decide(self.state, self.rules, self.t_ns, knot_ns, knots, self.now)
         if decision.notice:
@@ -222,19 +224,19 @@ class Inputs:
             return False
         return bool(info["source_timestamp"] < self._reset_wall_ns)
 
-    def _warn_of(self, source: Source, what: str, every: float) -> None:
+    def _warn_of(self, source: CommandSource, what: str, every: float) -> None:
         """Say something of a topic, at most once in so many seconds: a logger's own throttle would mix the topics."""
         now = time.monotonic()
         if now - self._warned.get(source, -math.inf) >= every:
             self._warned[source] = now
             self._log.warning(f"{TOPICS[source]} {what}")
 
-    def _is_closed(self, source: Source) -> bool:
+    def _is_closed(self, source: CommandSource) -> bool:
         if self.closed:
             self._warn_of(source, f"refused: {self.closed}", 5.0)
         return bool(self.closed)
 
-    def _is_void(self, source: Source, info: dict[str, Any]) -> bool:
+    def _is_void(self, source: CommandSource, info: dict[str, Any]) -> bool:
         """Whether a command is none, because of when it was sent or comes."""
         return self._is_closed(source) or self._outdated(info)
 
@@ -247,13 +249,13 @@ class Inputs:
         self.latest = max(self.latest, late)
         return self.now - late
 
-    def _refuse(self, source: Source, reason: Refused) -> None:
+    def _refuse(self, source: CommandSource, reason: Refused) -> None:
         self._warn_of(source, f"refused: {reason}", 1.0)
         self.refusals[source] = str(reason)
         self.state = arbiter.take_refusal(self.state, source)
 
     def _on_profile(self, message: bytes, info: dict[str, Any]) -> None:
-        if self._is_closed(Source.PROFILE):
+        if self._is_closed(CommandSource.PROFILE):
             return
         # one that waits for late subscribers may come long after a stop
         if info["source_timestamp"] < self._reset_wall_ns:
@@ -280,31 +282,31 @@ class Inputs:
             self._log.info(f"profile accepted: it starts in {ahead:.3f} s and lasts {lasts:.3f} s")
 
     def _refuse_profile(self, reason: Refused) -> None:
-        self._log.warning(f"{TOPICS[Source.PROFILE]} refused: {reason}")
+        self._log.warning(f"{TOPICS[CommandSource.PROFILE]} refused: {reason}")
 
     def _on_request(self, message: JointState, info: dict[str, Any]) -> None:
-        if self._is_void(Source.LIVE, info):
+        if self._is_void(CommandSource.LIVE, info):
             return
         try:
             velocity, effort, remark = parse_request(message, self.rules)
         except Refused as reason:
-            self._refuse(Source.LIVE, reason)
+            self._refuse(CommandSource.LIVE, reason)
             return
         if remark:
-            self._log.warning(f"{TOPICS[Source.LIVE]}: {remark}", throttle_duration_sec=1.0)
-        self.refusals.pop(Source.LIVE, None)
-        self.state = arbiter.take_live(self.state, velocity, effort, self._said_at(TOPICS[Source.LIVE], info))
+            self._log.warning(f"{TOPICS[CommandSource.LIVE]}: {remark}", throttle_duration_sec=1.0)
+        self.refusals.pop(CommandSource.LIVE, None)
+        self.state = arbiter.take_live(self.state, velocity, effort, self._said_at(TOPICS[CommandSource.LIVE], info))
 
     def _on_twist(self, message: TwistStamped | Twist, info: dict[str, Any]) -> None:
-        if self._is_void(Source.CMD_VEL, info):
+        if self._is_void(CommandSource.CMD_VEL, info):
             return
         try:
             velocity = parse_twist(message.twist if self._stamped else message, self.rules)
         except Refused as reason:
-            self._refuse(Source.CMD_VEL, reason)
+            self._refuse(CommandSource.CMD_VEL, reason)
             return
-        self.refusals.pop(Source.CMD_VEL, None)
-        self.state = arbiter.take_twist(self.state, velocity, self._said_at(TOPICS[Source.CMD_VEL], info))
+        self.refusals.pop(CommandSource.CMD_VEL, None)
+        self.state = arbiter.take_twist(self.state, velocity, self._said_at(TOPICS[CommandSource.CMD_VEL], info))
 
     def _on_planner(self, message: bytes, info: dict[str, Any]) -> None:
         if self.closed or self._outdated(info) or len(message) < SHORTEST:

@@ -22,7 +22,7 @@ from artibot_sim.model import MOTORS, Robot
 from artibot_sim.model.robot.robot import sides_of
 from artibot_sim.model.simulate.rollout import side_gears
 from artibot_sim.nodes.common.qos import LATCHED, PUBLISHED, publisher
-from artibot_sim.nodes.common.transforms import Frames, TransformPublisher
+from artibot_sim.nodes.common.transforms import FrameNames, TransformPublisher
 
 PLANAR = np.array([6 * i + j for i in (0, 1, 5) for j in (0, 1, 5)])
 """Of a 6 x 6 covariance: x, y and yaw with each other."""
@@ -92,7 +92,7 @@ class MotorPublishers:
     node : rclpy Node
     robot : Robot
     qos : QoSProfile
-    frames : Frames
+    frames : FrameNames
     tf : bool
         Whether the transform from `odom` to the front module goes with ``odom``.
     """
@@ -102,10 +102,10 @@ class MotorPublishers:
         node: Node,
         robot: Robot,
         qos: QoSProfile = PUBLISHED,
-        frames: Frames | None = None,
+        frames: FrameNames | None = None,
         tf: bool = False,
     ) -> None:
-        frames = frames or Frames()
+        frames = frames or FrameNames()
         self.motors = robot.motors if robot.articulated else MOTORS[:2]
         self._odom = publisher(node, Odometry, "odom", qos)
         self._odom_message = odometry_message(frames.odom, frames.base)

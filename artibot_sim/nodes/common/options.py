@@ -29,7 +29,7 @@ EMPTY = ""
 """An option's text that stands for one that is not given: a launch file has no other way to leave an option out."""
 
 
-class Number(click.FloatRange):
+class BoundedNumber(click.FloatRange):
     """A finite number within bounds: click's own range lets NaN pass, of which no comparison is true."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:

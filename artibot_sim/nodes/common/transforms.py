@@ -22,7 +22,7 @@ Place = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 
 @dataclass(frozen=True)
-class Frames:
+class FrameNames:
     """Names of the frames of one rover; `map` is common to all. Joints and modules behind are counted on."""
 
     map: str = "map"
@@ -39,7 +39,7 @@ class Frames:
         return f"{self.prefix}articulation_link_{module}", f"{self.prefix}{module_name(module)}_link"
 
     @classmethod
-    def of(cls, prefix: str, map_frame: str = "map", odom: str = "odom", base: str = "base_link") -> Frames:
+    def of(cls, prefix: str, map_frame: str = "map", odom: str = "odom", base: str = "base_link") -> FrameNames:
         """All but the map with a prefix, as robot_state_publisher's `frame_prefix`: ``rover1/`` gives rover1/odom."""
         return cls(map_frame, prefix + odom, prefix + base, prefix + cls.articulation, prefix + cls.back, prefix)
 

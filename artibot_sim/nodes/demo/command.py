@@ -16,12 +16,12 @@ import click
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.nodes.child_processes import ChildFailed, ChildProcesses, Interrupted, noted_signals
-from artibot_sim.nodes.common.options import Number
+from artibot_sim.nodes.common.options import BoundedNumber
 from artibot_sim.nodes.demo.domain import reserved_domain
 from artibot_sim.nodes.demo.drive import (
     START,
     VCAN,
-    Settings,
+    DemoSettings,
     begin,
     drive_by_topics,
     drive_over_can,
@@ -45,7 +45,7 @@ REPLAY_RATE: Final = 3
 @click.command("demo", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for the results.  [default: demo, demo_2, …]")
 @click.option("--robot", default="agriq", show_default=True, help="Robot: agriq, epiq, husky, or a robot file.")
-@click.option("--kappa", type=Number(0, 1, min_open=True), help="Front share of traction.  [the robot's]")
+@click.option("--kappa", type=BoundedNumber(0, 1, min_open=True), help="Front share of traction.  [the robot's]")
 @click.option("--short", is_flag=True, help="Drive ten seconds instead of the paper's trajectory.")
 @click.option("--domain", type=click.IntRange(0, 232), help="ROS_DOMAIN_ID.  [default: one that nobody uses]")
 def command(out: Path | None, robot: str, kappa: float | None, short: bool, domain: int | None) -> int:
@@ -75,7 +75,7 @@ def command(out: Path | None, robot: str, kappa: float | None, short: bool, doma
     planned = plan(load_manoeuvre(manoeuvre), rover)
     try:
         with noted_signals() as asked, reserved_domain(domain) as free, _new_folder(out) as folder:
-            return _run(Settings(rover, robot, share, manoeuvre, planned, folder, free), asked, console)
+            return _run(DemoSettings(rover, robot, share, manoeuvre, planned, folder, free), asked, console)
     except Interrupted as signal:
         console.print(f"ended by {signal}; nothing is left running, and no results are kept", style="bold")
         return 128 + signal.number
@@ -104,7 +104,7 @@ def _new_folder(out: Path | None) -> Iterator[Path]:
         raise
 
 
-def _run(settings: Settings, asked: list[int], console: Console) -> int:
+def _run(settings: DemoSettings, asked: list[int], console: Console) -> int:
     """Go through all steps and return the exit status; no child is left, whatever happens."""
     from artibot_sim.nodes.demo.echo import Steps
 
@@ -141,7 +141,7 @@ def _run(settings: Settings, asked: list[int], console: Console) -> int:
         children.end()
 
 
-def _introduce(settings: Settings, console: Console) -> None:
+def _introduce(settings: DemoSettings, console: Console) -> None:
     plan = settings.plan
     console.print(
         f"{settings.robot.name} drives {settings.manoeuvre}: {plan.path_length:.2f} m in {plan.duration:.2f} s, "
@@ -153,7 +153,7 @@ def _introduce(settings: Settings, console: Console) -> None:
     console.print(f"        export {variables}\n", style="cyan", markup=False, soft_wrap=True)
 
 
-def _replay(settings: Settings, children: ChildProcesses, steps: Steps) -> None:
+def _replay(settings: DemoSettings, children: ChildProcesses, steps: Steps) -> None:
     """Publish the recording again and compare what comes with it."""
     from artibot_sim.nodes.demo.echo import listening
 
@@ -173,7 +173,7 @@ def _replay(settings: Settings, children: ChildProcesses, steps: Steps) -> None:
         steps.done(f"{echo.count} messages came again on {len(echo.received)} topics, each the same to the byte")
 
 
-def _draw(settings: Settings, children: ChildProcesses, steps: Steps) -> None:
+def _draw(settings: DemoSettings, children: ChildProcesses, steps: Steps) -> None:
     """Draw the recording."""
     files = ["--png", str(settings.out / "drive.png"), "--html", str(settings.out / "drive.html")]
     words = ["plot", str(settings.recording), "--robot", settings.robot_name, *files]
@@ -181,7 +181,7 @@ def _draw(settings: Settings, children: ChildProcesses, steps: Steps) -> None:
     steps.done("drawn")
 
 
-def _conclude(settings: Settings, console: Console, began: float) -> int:
+def _conclude(settings: DemoSettings, console: Console, began: float) -> int:
     """Show the figures, where the files are, and what to type next; return the exit status."""
     from artibot_sim.nodes.demo.result import lacks, note, read_result, result_table
 

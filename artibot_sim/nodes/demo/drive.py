@@ -34,7 +34,7 @@ LISTEN: Final = 0.2
 SIMULATED: Final = ("/ground_truth/odom", "/odom", "/joint_states", "/motor_torques", "/motor_command")
 
 
-class Settings(NamedTuple):
+class DemoSettings(NamedTuple):
     """What is to be shown."""
 
     robot: Robot
@@ -92,7 +92,7 @@ def begin(
     return children.start(*words, stays=stays)
 
 
-def drive_over_can(settings: Settings, children: ChildProcesses, steps: Steps, channel: str) -> None:
+def drive_over_can(settings: DemoSettings, children: ChildProcesses, steps: Steps, channel: str) -> None:
     """Planner, driver, CAN bus, drives, model and back: a process each, as in a terminal each.
 
     Parameters
@@ -126,7 +126,7 @@ def drive_over_can(settings: Settings, children: ChildProcesses, steps: Steps, c
     _say_recorded(record, steps)
 
 
-def drive_by_topics(settings: Settings, children: ChildProcesses, steps: Steps) -> None:
+def drive_by_topics(settings: DemoSettings, children: ChildProcesses, steps: Steps) -> None:
     """Planner and simulator alone, at three times real time."""
     words = ["sim", *settings.about, *SIM_OPTIONS]
     sim = begin(children, steps, "Simulator", words, stays=True)
@@ -142,7 +142,7 @@ def drive_by_topics(settings: Settings, children: ChildProcesses, steps: Steps) 
     _say_recorded(record, steps)
 
 
-def _record(settings: Settings, children: ChildProcesses, steps: Steps) -> Child:
+def _record(settings: DemoSettings, children: ChildProcesses, steps: Steps) -> Child:
     words = ["record", "--robot", settings.robot.name, *settings.about[2:], "--out", str(settings.recording)]
     record = begin(children, steps, "Recorder", words, stays=True)
     children.wait(record, lambda: _records(record), START, f"recording {', '.join(SIMULATED)}", steps.tick)

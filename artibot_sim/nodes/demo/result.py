@@ -37,7 +37,7 @@ def note(drives: bool) -> str:
     return TORQUES[drives] + TABLE_7
 
 
-class Result(NamedTuple):
+class DemoResult(NamedTuple):
     """A drive: its recording and figures."""
 
     recording: Experiment
@@ -45,7 +45,7 @@ class Result(NamedTuple):
     messages: int
 
 
-def read_result(recording: Path) -> Result:
+def read_result(recording: Path) -> DemoResult:
     """Read the recording of a drive.
 
     The figures are taken against `/planned/path`, whose stamps say when each point was planned for: it is one message,
@@ -55,10 +55,10 @@ def read_result(recording: Path) -> Result:
     channels = dict(experiment.channels)
     if "planned_path" in channels:
         channels.pop("planned_odom", None)
-    return Result(experiment, measure(replace(experiment, channels=channels)), bag_info(recording).message_count)
+    return DemoResult(experiment, measure(replace(experiment, channels=channels)), bag_info(recording).message_count)
 
 
-def lacks(result: Result, duration: float) -> str:
+def lacks(result: DemoResult, duration: float) -> str:
     """Return what of the drive (planned to last `duration`, s) the recording misses, empty if it is whole."""
     for key in ("planned_path", "ground_truth_odom", "motor_torques"):
         if key not in result.recording.channels:
@@ -69,7 +69,9 @@ def lacks(result: Result, duration: float) -> str:
     return ""
 
 
-def result_table(result: Result, robot: str, kappa: float, duration: float, path_length: float, paper: bool) -> Table:
+def result_table(
+    result: DemoResult, robot: str, kappa: float, duration: float, path_length: float, paper: bool
+) -> Table:
     """Return the figures as a table; those of Table 7 beside them with `paper`."""
     measures = result.measures
     stated = PAPER.get(robot, {}) if paper else {}

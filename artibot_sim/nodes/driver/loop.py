@@ -16,10 +16,10 @@ from rclpy.node import Node
 
 from artibot_driver.bus import Bus, BusState, open_bus
 from artibot_driver.config import DriverConfig
-from artibot_driver.master import Cycle, Master, Phase, Status, Stop
+from artibot_driver.master import Master, MasterCycle, MasterStatus, Phase, StopRecord
 from artibot_driver.rig import Rig
 from artibot_sim.errors import ArtibotError
-from artibot_sim.nodes.common.inputs import Inputs
+from artibot_sim.nodes.common.inputs import CommandInputs
 from artibot_sim.nodes.common.pacer import Pacer
 from artibot_sim.nodes.driver import parameters as parameters
 from artibot_sim.nodes.driver.commands import CommandGate, Silence
@@ -184,7 +184,7 @@ class DriverLoop:
     ----------
     master : Master or None
         None while there is no bus.
-    status : Status or None
+    status : MasterStatus or None
         As of the last period.
     """
 
@@ -192,16 +192,16 @@ class DriverLoop:
         self._rig, self._settings, self._log = rig, settings, node.get_logger()
         self._identity = Identity.of_node(rig.robot.name, node.get_fully_qualified_name())
         rules = parameters.rules(settings, rig.robot, rig.config)
-        self.gate = CommandGate(Inputs(node, rules, settings["cmd_vel_stamped"], beside=True, aged=True))
+        self.gate = CommandGate(CommandInputs(node, rules, settings["cmd_vel_stamped"], beside=True, aged=True))
         self._out = DriverPublishers(node, rig.robot, settings)
         self._keeper = BusKeeper(rig.config)
         self._period_ns = 1_000 * rig.config.sync_period_us
         self.pacer = Pacer(self._period_ns, 1.0)
         self._periods = 1
         self.master: Master | None = None
-        self.status: Status | None = None
+        self.status: MasterStatus | None = None
         self._epoch_ns = time.time_ns() - time.monotonic_ns()
-        self._stop: Stop | None = None
+        self._stop: StopRecord | None = None
         self._logged: tuple[Phase, bool] | None = None
         self._obstacles = Settling(SETTLED)
         self._warned: set[str] = set()
@@ -244,7 +244,7 @@ class DriverLoop:
             self._law_name = self._settings["law"]
             self._law = parameters.law_of(self._law_name)
 
-    def step(self, master: Master, listen: bool) -> Status:
+    def step(self, master: Master, listen: bool) -> MasterStatus:
         """One SYNC period, at its deadline; with `listen` commands are followed."""
         self.gate.inputs.t_ns = t_ns = self.pacer.deadline_ns + self._epoch_ns
         self.gate.inputs.take()
@@ -268,11 +268,11 @@ class DriverLoop:
             self._follow_system_clock()
         return cycle.status
 
-    def _publish(self, cycle: Cycle) -> None:
+    def _publish(self, cycle: MasterCycle) -> None:
         self._out.feedback(cycle.feedback, self._epoch_ns)
         self._out.commanded(cycle.commanded, self._epoch_ns)
 
-    def _say_what_is_new(self, status: Status) -> None:
+    def _say_what_is_new(self, status: MasterStatus) -> None:
         news = (status.phase, bool(status.other_driver))
         if news != self._logged:
             self._logged = news

@@ -23,7 +23,7 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 
 from artibot_driver.config import LAW, config_from_parameters
-from artibot_driver.master import Master, Phase, Status
+from artibot_driver.master import Master, MasterStatus, Phase
 from artibot_driver.priority import take_priority
 from artibot_driver.rig import load_rig
 from artibot_sim.errors import ArtibotError
@@ -261,7 +261,7 @@ class DriverNode(LifecycleNode):
             self._requests.answer(status)
             self.loop.diagnose(self.label, self._fault, self._server.most_ms)
 
-    def _enable_if_wished(self, master: Master, status: Status) -> None:
+    def _enable_if_wished(self, master: Master, status: MasterStatus) -> None:
         auto_enable = self._auto_enable.check(status, time.monotonic())
         if auto_enable.enable:
             master.enable()

@@ -12,14 +12,14 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from artibot_driver.bus import BusState
-from artibot_driver.cia402 import State, StatusBit
+from artibot_driver.cia402 import DriveState, StatusBit
 from artibot_driver.config import DriverConfig
-from artibot_driver.master import Commanded, DriveStatus, Feedback, Phase, Stage, Status
+from artibot_driver.master import Commanded, DriveStatus, Feedback, MasterStatus, Phase, SetupStage
 from artibot_sim.estimation.odometry import Odometry, Slip, metres_per_radian
 from artibot_sim.model import Robot
 from artibot_sim.nodes.common.motor_publishers import MotorPublishers, WheelJoints, stamp_of_ns
 from artibot_sim.nodes.common.qos import PUBLISHED, publisher
-from artibot_sim.nodes.common.transforms import Frames, has_tf
+from artibot_sim.nodes.common.transforms import FrameNames, has_tf
 from artibot_sim.nodes.driver.services import obstacles, stop_text
 
 # ----------------------------------------------------------------------
@@ -32,7 +32,7 @@ DRIVER = "driver"
 
 OK, WARN, ERROR, STALE = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE)
 
-_FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+_FAULTS = (DriveState.FAULT, DriveState.FAULT_REACTION_ACTIVE)
 NO_REASON = "it sends no emergency that says why: see its manual, or ask it with its maker's tool"
 """Of a drive that warns."""
 
@@ -87,7 +87,7 @@ def diagnostics(
     t_ns: int,
     config: DriverConfig,
     identity: Identity,
-    status: Status | None,
+    status: MasterStatus | None,
     own: Mapping[str, object],
     fault: str = "",
 ) -> DiagnosticArray:
@@ -98,7 +98,7 @@ def diagnostics(
     t_ns : int
         Stamp.
     identity : Identity
-    status : Status or None
+    status : MasterStatus or None
         The master's; None while the driver is not configured.
     own : mapping
         What the node adds of itself: lifecycle state, who commands, kappa, jitter.
@@ -136,7 +136,7 @@ def _word(value: object) -> str:
     return "" if value is None else str(value)
 
 
-def _driver(identity: Identity, status: Status, own: Mapping[str, object]) -> DiagnosticStatus:
+def _driver(identity: Identity, status: MasterStatus, own: Mapping[str, object]) -> DiagnosticStatus:
     stopped = f"stopped: {stop_text(status.stop)}" if status.stop is not None else ""
     asked_for = status.stop is not None and status.stop.reason.asked_for
     if stopped and (status.phase.moves or not asked_for):
@@ -160,7 +160,7 @@ def _driver(identity: Identity, status: Status, own: Mapping[str, object]) -> Di
     return _status(identity, level, "driver", identity.robot, text, values)
 
 
-def _bus(identity: Identity, config: DriverConfig, status: Status) -> DiagnosticStatus:
+def _bus(identity: Identity, config: DriverConfig, status: MasterStatus) -> DiagnosticStatus:
     bus = status.bus
     level = _BUS_LEVELS.get(bus.state, ERROR)
     values = {
@@ -180,13 +180,13 @@ def _drive(identity: Identity, drive: DriveStatus) -> DiagnosticStatus:
     state = drive.state.name.lower().replace("_", " ") if drive.state else "unknown"
     level, text = OK, state
     notes = [words for words, holds in _NOTES if holds(drive)] + ([drive.remark] if drive.remark else [])
-    if drive.stage is Stage.SEEKING:
+    if drive.stage is SetupStage.SEEKING:
         level, text = STALE, drive.trouble or drive.stage.value
-    elif drive.stage is Stage.REFUSED or drive.state in _FAULTS:
+    elif drive.stage is SetupStage.REFUSED or drive.state in _FAULTS:
         level, text = ERROR, _joined((state, drive.emergency, drive.trouble))
-    elif drive.stage is Stage.RUNNING and drive.trouble:
+    elif drive.stage is SetupStage.RUNNING and drive.trouble:
         level, text = ERROR, _joined((drive.trouble, drive.emergency, *notes))
-    elif drive.emergency or drive.stage is not Stage.RUNNING:
+    elif drive.emergency or drive.stage is not SetupStage.RUNNING:
         level, text = WARN, _joined((drive.trouble or drive.stage.value, drive.emergency, *notes))
     elif notes:
         level, text = WARN, _joined((state, *notes))
@@ -237,7 +237,7 @@ class DriverPublishers:
 
     def __init__(self, node: Node, robot: Robot, settings: Mapping[str, Any]) -> None:
         get = settings.__getitem__
-        frames = Frames.of(get("frame_prefix"), odom=get("odom_frame"), base=get("base_frame"))
+        frames = FrameNames.of(get("frame_prefix"), odom=get("odom_frame"), base=get("base_frame"))
         self._motors = MotorPublishers(node, robot, PUBLISHED, frames, has_tf(node, get("publish_tf")))
         self._wheels = WheelJoints(robot)
         self._joints = publisher(node, JointState, "joint_states")

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from artibot_driver.master import Phase, Stage, Status, Stop
+from artibot_driver.master import MasterStatus, Phase, SetupStage, StopRecord
 
 # ----------------------------------------------------------------------
 # Answers of the driver's services: what came of a request, found by checking the master's status once a cycle.
@@ -29,7 +29,7 @@ _STANDING = tuple(phase for phase in Phase if not phase.moves)
 
 
 @dataclass(frozen=True)
-class Pending:
+class PendingRequest:
     """A request that has not been answered.
 
     Attributes
@@ -50,7 +50,7 @@ class Pending:
     reply: Callable[[Answer], None]
 
 
-def answer(pending: Pending, status: Status, now: float) -> Answer | None:
+def answer(pending: PendingRequest, status: MasterStatus, now: float) -> Answer | None:
     """What a request has led to, or None while that is not decided."""
     found = None
     if status.requests > pending.requests:
@@ -60,7 +60,7 @@ def answer(pending: Pending, status: Status, now: float) -> Answer | None:
     return found
 
 
-def _enabled(status: Status, pending: Pending) -> Answer | None:
+def _enabled(status: MasterStatus, pending: PendingRequest) -> Answer | None:
     if status.phase in (Phase.ENABLING, Phase.ENABLED):
         return (True, "enabled: what is commanded from now on is followed") if status.phase is Phase.ENABLED else None
     if status.stop is not None and status.stop.at_ns >= pending.asked * 1e9:
@@ -68,17 +68,17 @@ def _enabled(status: Status, pending: Pending) -> Answer | None:
     return False, _and(status.notice, obstacles(status))
 
 
-def _disabled(status: Status, _pending: Pending) -> Answer | None:
+def _disabled(status: MasterStatus, _pending: PendingRequest) -> Answer | None:
     return (True, _and("disabled", obstacles(status))) if status.phase in _STANDING else None
 
 
-def _stopping(status: Status, _pending: Pending) -> Answer | None:
+def _stopping(status: MasterStatus, _pending: PendingRequest) -> Answer | None:
     if status.phase in _STANDING:
         return True, _and(status.notice or "disabled", obstacles(status))
     return (True, "ramp to standstill; /diagnostics shows its end") if status.phase is Phase.STOPPING else None
 
 
-def _reset(status: Status, _pending: Pending) -> Answer | None:
+def _reset(status: MasterStatus, _pending: PendingRequest) -> Answer | None:
     if status.phase is Phase.READY:
         return True, "no drive is in fault; call ~/enable to go on"
     return (False, status.notice) if status.phase.moves else None
@@ -87,13 +87,13 @@ def _reset(status: Status, _pending: Pending) -> Answer | None:
 _OUTCOMES = {"enable": _enabled, "disable": _disabled, "quick_stop": _stopping, "reset_fault": _reset}
 
 
-def stop_text(stop: Stop) -> str:
+def stop_text(stop: StopRecord) -> str:
     """Why the rover was stopped, in words."""
     reason = stop.reason.value
     return reason if stop.text in ("", reason) else f"{reason}: {stop.text}"
 
 
-def obstacles(status: Status) -> str:
+def obstacles(status: MasterStatus) -> str:
     """What is in the way of enabling, or empty."""
     if status.other_driver or status.refusal:
         return status.other_driver or status.refusal
@@ -101,7 +101,7 @@ def obstacles(status: Status) -> str:
         return f"bus: {status.bus.reason or status.bus.state.value}"
     found = []
     for drive in status.drives:
-        if drive.trouble or drive.stage is not Stage.RUNNING:
+        if drive.trouble or drive.stage is not SetupStage.RUNNING:
             found.append(f"{drive.motor} (node {drive.node}): {drive.trouble or drive.stage.value}")
     return "; ".join(found)
 
@@ -128,7 +128,7 @@ class Services:
 
     def __init__(self, node: Node, request: Callable[[str], int | str]) -> None:
         self._request, self._log = request, node.get_logger()
-        self._pending: list[Pending] = []
+        self._pending: list[PendingRequest] = []
         group = ReentrantCallbackGroup()  # a call that waits for its answer keeps no other waiting
         for name in PATIENCE:
             node.create_service(Trigger, f"~/{name}", self._handler(name), callback_group=group)
@@ -140,14 +140,14 @@ class Services:
             if isinstance(before, str):
                 answered.set_result((False, before))
             else:
-                self._pending.append(Pending(name, before, time.monotonic(), answered.set_result))
+                self._pending.append(PendingRequest(name, before, time.monotonic(), answered.set_result))
             response.success, response.message = await answered
             self._log.info(f"~/{name}: {response.message}")
             return response
 
         return handle
 
-    def answer(self, status: Status) -> None:
+    def answer(self, status: MasterStatus) -> None:
         """Answer the calls of which it is known now what came of them."""
         now = time.monotonic()
         for pending in list(self._pending):
@@ -172,7 +172,7 @@ START_WITHIN = 60.0
 """It holds for so long after the bus was opened, s: drives that come later ask for a person."""
 
 
-class Verdict(NamedTuple):
+class EnableDecision(NamedTuple):
     """Whether to enable the drives now, or why the wish has lapsed; mostly neither."""
 
     enable: bool = False
@@ -193,19 +193,19 @@ class AutoEnable:
         """Whoever commands by hand, or closes the bus, takes its place."""
         self._until = None
 
-    def check(self, status: Status, now: float) -> Verdict:
+    def check(self, status: MasterStatus, now: float) -> EnableDecision:
         """What it comes to in this period."""
         if self._until is None:
-            return Verdict()
+            return EnableDecision()
         if now > self._until:
-            found = Verdict(lapsed=f"the drives were not ready within {START_WITHIN:g} s")
+            found = EnableDecision(lapsed=f"the drives were not ready within {START_WITHIN:g} s")
         elif status.stop is not None:
-            found = Verdict(lapsed=stop_text(status.stop))
+            found = EnableDecision(lapsed=stop_text(status.stop))
         elif status.phase is Phase.LOCKED:
-            found = Verdict(lapsed=status.phase.value)
+            found = EnableDecision(lapsed=status.phase.value)
         elif status.phase is Phase.READY:
-            found = Verdict(enable=True)
+            found = EnableDecision(enable=True)
         else:
-            return Verdict()
+            return EnableDecision()
         self._until = None
         return found

@@ -14,14 +14,14 @@ from artibot_driver.rig import load_rig
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, load_robot
 from artibot_sim.nodes.child_processes import noted_signals
-from artibot_sim.nodes.common.options import Number
+from artibot_sim.nodes.common.options import BoundedNumber
 from artibot_sim.nodes.common.pacer import Pacer
 from artibot_sim.nodes.common.process import node_main
 from artibot_sim.nodes.drives.loop import DriveLoop, drive_config, drive_states, open_drive_loop
 from artibot_sim.nodes.drives.motors import Flywheels, RoverShafts
-from artibot_sim.nodes.sim.engine import Diverged, Start, Timing
+from artibot_sim.nodes.sim.engine import Diverged, Periods, StartPose
 
-TIMING = Timing.of(100.0, 1e-3)
+TIMING = Periods.of(100.0, 1e-3)
 
 
 @click.command("drives", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -30,9 +30,11 @@ TIMING = Timing.of(100.0, 1e-3)
 @click.option("--params", default="driver", show_default=True, help="The driver's parameters: a name, or a path.")
 @click.option("--interface", default="", help="python-can's name of the CAN interface.  [by the channel]")
 @click.option("--channel", default="", help="CAN channel: vcan0, can0, ws://….  [that in the parameters]")
-@click.option("--duration", type=Number(0), default=0.0, help="End after so many seconds.  [default: at Ctrl-C]")
+@click.option("--duration", type=BoundedNumber(0), default=0.0, help="End after so many seconds.  [default: at Ctrl-C]")
 @click.option("--priority", type=click.IntRange(0, 99), default=50, show_default=True, help="Real-time; 0: as others.")
-@click.option("--every", type=Number(0, min_open=True), default=5.0, show_default=True, help="Print so often, s.")
+@click.option(
+    "--every", type=BoundedNumber(0, min_open=True), default=5.0, show_default=True, help="Print so often, s."
+)
 def command(
     robot: str, bench: bool, params: str, interface: str, channel: str, duration: float, priority: int, every: float
 ) -> int:
@@ -47,7 +49,7 @@ def command(
       artibot drives --bench --channel can0
       artibot drives --channel ws://127.0.0.1:40000/
     """
-    plant = Flywheels() if bench else RoverShafts(load_robot(robot), TIMING, Start())
+    plant = Flywheels() if bench else RoverShafts(load_robot(robot), TIMING, StartPose())
     if isinstance(plant, RoverShafts):
         plant.warm_up()
     with noted_signals() as asked:

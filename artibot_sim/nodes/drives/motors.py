@@ -18,9 +18,9 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, Ground, Robot, Status, initial_state
 from artibot_sim.model.kernels.layout import MOTOR_COORDINATES
 from artibot_sim.model.simulate.sensors import sensor_errors
-from artibot_sim.model.simulate.stepper import Stepper, Turn
-from artibot_sim.nodes.sim.engine import Array, Diverged, Sample, Start, Timing, gravity_of, sample_of
-from artibot_sim.nodes.sim.sensors import SensorModel, Sensors
+from artibot_sim.model.simulate.stepper import MotorCommand, Stepper
+from artibot_sim.nodes.sim.engine import Array, Diverged, Periods, StartPose, TrueState, gravity_of, sample_of
+from artibot_sim.nodes.sim.sensors import SensorModel, SimulatedSensors
 
 LONGEST_SLICE_NS = 2_000_000
 """Between two exchanges of drives and motors: 500 a second at least."""
@@ -63,15 +63,15 @@ class ModelShaft:
         """What was measured at the end of the last slice."""
         return self._measured
 
-    def command_of_slice(self) -> Turn:
+    def command_of_slice(self) -> MotorCommand:
         """The set-point of the model's motor for the next slice."""
         asked = self.asked
         if asked.velocity is None:
             self._before = None
-            return Turn(None, asked.torque or 0.0, asked.torque_limit)
+            return MotorCommand(None, asked.torque or 0.0, asked.torque_limit)
         first = asked.velocity if self._before is None else self._before
         self._before = asked.velocity
-        return Turn((first, asked.velocity), 0.0, asked.torque_limit)
+        return MotorCommand((first, asked.velocity), 0.0, asked.torque_limit)
 
     def measure(self, position: float, velocity: float, torque: float) -> None:
         """Keep what the drive is to see."""
@@ -85,11 +85,11 @@ class RoverShafts:
     ----------
     robot : Robot
         An articulated one: it needs four motors.
-    timing : Timing
+    timing : Periods
         Of the publications; the slices divide their period.
-    start : Start
+    start : StartPose
     integrator : str
-    sensors : Sensors, optional
+    sensors : SimulatedSensors, optional
         What is wrong with the speeds and torques that the drives measure; what the robot's effects say by default.
         Positions are counted by the drives.
     ground : Ground, optional
@@ -97,8 +97,8 @@ class RoverShafts:
     """
 
     def __init__(
-        self, robot: Robot, timing: Timing, start: Start, integrator: str = "rk4", sensors: Sensors | None = None,
-        ground: Ground | None = None,
+        self, robot: Robot, timing: Periods, start: StartPose, integrator: str = "rk4",
+        sensors: SimulatedSensors | None = None, ground: Ground | None = None,
     ) -> None:  # fmt: skip
         if not robot.articulated:
             raise ArtibotError(f"robot '{robot.name}': is rigid and has two motors; expected a robot with four drives")
@@ -109,7 +109,7 @@ class RoverShafts:
         self._stepper = Stepper(
             robot, dt=timing.dt_ns * 1e-9, integrator=integrator, state=self._initial, ground=ground
         )
-        self._sensors = sensors or Sensors(SensorModel(), 0, sensor_errors(robot))
+        self._sensors = sensors or SimulatedSensors(SensorModel(), 0, sensor_errors(robot))
         self._motors = tuple(ModelShaft() for _ in MOTORS)
         self.shafts: Mapping[str, Shaft] = dict(zip(MOTORS, self._motors, strict=True))
         self._counted = np.zeros(4)
@@ -135,7 +135,7 @@ class RoverShafts:
             raise Diverged(self._stepper.message)
         self._measure()
 
-    def sample(self) -> Sample:
+    def sample(self) -> TrueState:
         """The truth now; call it once a period."""
         stepper = self._stepper
         felt = (stepper.v[:3] - self._v_last[:3]) / (self.timing.period_ns * 1e-9) - self._gravity
@@ -183,7 +183,7 @@ class Flywheels:
             wheel.advance(slices * self.slice_ns * 1e-9)
 
 
-def steps_of_a_slice(timing: Timing) -> int:
+def steps_of_a_slice(timing: Periods) -> int:
     """Integration steps between two exchanges: as many as fit into 2 ms and divide the publish period.
 
     Raises

@@ -13,11 +13,11 @@ import click
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.own_effects import effects_option
-from artibot_sim.nodes.common.options import Number, parameter_files
+from artibot_sim.nodes.common.options import BoundedNumber, parameter_files
 from artibot_sim.nodes.common.process import built, destroyed, node_main, ros_process
 from artibot_sim.report.files import OutputFile
 
-_DELAY = Number(min=-1.0, max=1.0)
+_DELAY = BoundedNumber(min=-1.0, max=1.0)
 _OFFLINE = ("fit", "window", "pose_delay", "as_json", "renames", "joints", "namespace")
 
 
@@ -25,13 +25,15 @@ _OFFLINE = ("fit", "window", "pose_delay", "as_json", "renames", "joints", "name
 @click.argument("bag", required=False, type=click.Path(path_type=Path))
 @effects_option
 @click.option("--robot", help="Robot as identified: a name, or a robot file.  [default: agriq; with BAG: its own]")
-@click.option("--kappa", type=Number(min=0, max=1), help="Front share of the torque, where back rotations are unknown.")
+@click.option(
+    "--kappa", type=BoundedNumber(min=0, max=1), help="Front share of the torque, where back rotations are unknown."
+)
 @click.option(
     "--rotation-delay", type=_DELAY, help="By which rotations are stamped late, s.  [default: the robot file's]"
 )
 @click.option("--gyro-delay", type=_DELAY, help="By which yaw rates are stamped late, s.  [default: the robot file's]")
 @click.option("--fit", type=click.Path(path_type=Path), help="With BAG: fit track and covariance here.  [first half]")
-@click.option("--window", type=Number(min=0, min_open=True), help="With BAG: way of a window, m.  [default: 10]")
+@click.option("--window", type=BoundedNumber(min=0, min_open=True), help="With BAG: way of a window, m.  [default: 10]")
 @click.option(
     "--pose-delay",
     type=_DELAY,
@@ -102,7 +104,7 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
     """
     from artibot_sim.estimation import odometry_check as check
     from artibot_sim.estimation.checks.recordings import require_fitting_wheels
-    from artibot_sim.estimation.model_odometry import ModelOdometry, Streams
+    from artibot_sim.estimation.model_odometry import ModelOdometry, StreamProperties
     from artibot_sim.experiment import open_recording
     from artibot_sim.experiment.resimulate import robot_of
     from artibot_sim.progress import Bar
@@ -115,8 +117,10 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
         name: getattr(robot.sensors, name) if given[name] is None else given[name]
         for name in ("rotation_delay", "gyro_delay", "pose_delay")
     }
-    streams = Streams(rotation_delay=delays["rotation_delay"], gyro_delay=delays["gyro_delay"])
-    settings = check.Settings(given["window"] or check.LENGTH, streams, delays["pose_delay"], None, given["kappa"])
+    streams = StreamProperties(rotation_delay=delays["rotation_delay"], gyro_delay=delays["gyro_delay"])
+    settings = check.OdometrySettings(
+        given["window"] or check.LENGTH, streams, delays["pose_delay"], None, given["kappa"]
+    )
     with Bar() as bar:
         found = check.pieces(experiment, robot, settings, bar.stage(f"odometry of {bag.name}", 1.0))
         if given["fit"] is not None:

@@ -14,13 +14,13 @@ from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import Imu, JointState
 
-from artibot_sim.estimation.model_odometry import ModelOdometry, Streams
+from artibot_sim.estimation.model_odometry import ModelOdometry, StreamProperties
 from artibot_sim.estimation.odometry import Slip
 from artibot_sim.model import MOTORS, load_robot
 from artibot_sim.nodes.common.motor_publishers import PLANAR, odometry_message, stamp_of_ns
 from artibot_sim.nodes.common.parameters import declare, warn_of_unknown
 from artibot_sim.nodes.common.qos import publisher, subscription
-from artibot_sim.nodes.common.transforms import Frames, TransformPublisher, has_tf
+from artibot_sim.nodes.common.transforms import FrameNames, TransformPublisher, has_tf
 from artibot_sim.parameters import Spec
 
 SENSOR = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -30,7 +30,7 @@ SECOND = 1_000_000_000
 _NAP = 0.2
 """s between two views of the signals while nothing arrives."""
 
-_SLIP, _STREAMS = ModelOdometry.SLIP, Streams()
+_SLIP, _STREAMS = ModelOdometry.SLIP, StreamProperties()
 
 SPECS = (
     Spec("robot", "agriq", "Robot as identified: a name or the path of a robot file."),
@@ -79,7 +79,7 @@ class OdometryNode(Node):
         self._asked = asked
         settings: dict[str, Any] = {spec.name: declare(self, spec) for spec in SPECS}
         robot = load_robot(settings["robot"])
-        streams = Streams(
+        streams = StreamProperties(
             rotation_delay=settings["rotation_delay"] or robot.sensors.rotation_delay,
             gyro_delay=settings["gyro_delay"] or robot.sensors.gyro_delay, timing=settings["timing"],
             longest_hold=settings["longest_hold"], longest_gap=settings["longest_gap"], bias=settings["gyro_bias"],
@@ -87,7 +87,7 @@ class OdometryNode(Node):
         )  # fmt: skip
         self.odometry = ModelOdometry(robot, Slip.of(settings, robot), streams, settings["kappa"] or None)
         self._names = MOTORS if robot.articulated else MOTORS[:2]
-        frames = Frames.of(settings["frame_prefix"], odom=settings["odom_frame"], base=settings["base_frame"])
+        frames = FrameNames.of(settings["frame_prefix"], odom=settings["odom_frame"], base=settings["base_frame"])
         self._message = odometry_message(frames.odom, frames.base)
         self._publisher = publisher(self, Odometry, "odom_model")
         tf = has_tf(self, settings["publish_tf"])

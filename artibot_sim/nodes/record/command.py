@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.nodes.common.options import Number
+from artibot_sim.nodes.common.options import BoundedNumber
 from artibot_sim.nodes.common.process import node_main
 
 _LOG_PERIOD = 10.0
@@ -22,7 +22,7 @@ _LINE_PERIOD = 0.5
 _TOPICS_HELP = "Topic to record, * and ? allowed; repeat, or separate by commas.  [default: the contract's]"
 _SYNC_HELP = "Put the file on the disk itself every so many seconds, against power cuts."
 _CAN_HELP = "Record all frames of this CAN bus too (can0, vcan0, ws://127.0.0.1:PORT/), as /from_can_bus."
-_POSITIVE = Number(min=0, min_open=True)
+_POSITIVE = BoundedNumber(min=0, min_open=True)
 
 
 @click.command("record", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -32,7 +32,7 @@ _POSITIVE = Number(min=0, min_open=True)
 @click.option("--exclude", "-x", multiple=True, metavar="NAME", help="Topic to leave out, * and ? allowed; repeatable.")
 @click.option("--duration", type=_POSITIVE, help="End after this many seconds.")
 @click.option("--robot", help="For the metadata: the robot's name.")
-@click.option("--kappa", type=Number(0, 1, min_open=True), help="For the metadata: the division parameter.")
+@click.option("--kappa", type=BoundedNumber(0, 1, min_open=True), help="For the metadata: the division parameter.")
 @click.option("--description", help="For the metadata: what is driven.")
 @click.option("--surface", help="For the metadata: on what ground.")
 @click.option("--ground", help="For the metadata: uneven ground, as given to `artibot sim`; replay and plot use it.")
@@ -103,7 +103,7 @@ def run(
     from artibot_sim.nodes.common.parameters import warn_of_unknown
     from artibot_sim.nodes.common.process import destroyed, ros_process
     from artibot_sim.nodes.record.can import CanTap, open_listener
-    from artibot_sim.nodes.record.recorder import Recorder, Selection
+    from artibot_sim.nodes.record.recorder import Recorder, RecordSelection
 
     if folder.exists():
         raise ArtibotError(f"{folder}: exists already; recordings are never overwritten, give another name with -o")
@@ -111,7 +111,7 @@ def run(
         ros_process("record", ros_args) as asked,
         destroyed(rclpy.create_node("record", start_parameter_services=False)) as node,
     ):
-        selection = Selection(patterns, exclude, everything, node.resolve_topic_name)
+        selection = RecordSelection(patterns, exclude, everything, node.resolve_topic_name)
         listener = open_listener(node, *bus)
         metadata = {"can": f"{listener.interface} {listener.channel}", **metadata} if listener else metadata
         bag = BagWriter(folder, metadata, compression=compression, sync_period=sync)
@@ -134,7 +134,7 @@ def _loop(recorder: Any, asked: list[int], duration: float | None) -> None:
     """Take messages until a signal, the end of the duration or a failed write."""
     from artibot_sim.nodes.record.recorder import DISCOVERY_PERIOD, POLL_PERIOD
 
-    progress = Progress(recorder, duration)
+    progress = RecordingProgress(recorder, duration)
     start = time.monotonic()
     next_discovery = start
     while not asked and recorder.failure is None and recorder.node.context.ok():
@@ -150,7 +150,7 @@ def _loop(recorder: Any, asked: list[int], duration: float | None) -> None:
     progress.end()
 
 
-class Progress:
+class RecordingProgress:
     """How the recording goes: a line that is rewritten on a terminal, otherwise a log line now and then."""
 
     def __init__(self, recorder: Any, duration: float | None = None) -> None:

@@ -29,7 +29,7 @@ FOR_VIEWERS = ("robot_description", "/tf", "/tf_static", "tf", "tf_static")
 """What RViz and Foxglove place a rover with; the last two where a namespace has transforms of its own."""
 
 
-class Selection:
+class RecordSelection:
     """Which topics to record.
 
     Parameters
@@ -89,7 +89,7 @@ class Recorder:
     delays no reception.
     """
 
-    def __init__(self, node: Node, bag: BagWriter, selection: Selection) -> None:
+    def __init__(self, node: Node, bag: BagWriter, selection: RecordSelection) -> None:
         self.node = node
         self.bag = bag
         self.selection = selection

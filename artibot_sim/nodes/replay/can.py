@@ -21,8 +21,8 @@ from artibot_sim.experiment.can_frames import CanFrame, can_topics, frame_decode
 from artibot_sim.experiment.storage import BagInfo, ChannelInfo, RawMessage
 from artibot_sim.nodes.common.process import asked_to_end, undisturbed
 from artibot_sim.nodes.common.stamps import SECOND
-from artibot_sim.nodes.replay.progress import Progress
-from artibot_sim.nodes.replay.source import Source, Stretch, lateness_summary, write_statistics
+from artibot_sim.nodes.replay.progress import ReplayProgress
+from artibot_sim.nodes.replay.source import MessageSource, PlayedSpan, lateness_summary, write_statistics
 
 _NAP = 0.02
 _READING = 0.002
@@ -162,10 +162,10 @@ def play_frames(info: BagInfo, given: dict[str, Any], say: Say) -> int:
     info, given : as for `frame_outlet`.
     say : called with how it goes.
     """
-    stretch = Stretch.of(info, given["start"], given["end"])
+    stretch = PlayedSpan.of(info, given["start"], given["end"])
     rate = given["rate"] or 1.0
     with asked_to_end() as asked, frame_outlet(info, given, say) as outlet:
-        source = Source(info.path, outlet.publishers, (), stretch, given["loop"], outlet.admits)
+        source = MessageSource(info.path, outlet.publishers, (), stretch, given["loop"], outlet.admits)
         say(
             f"playing the CAN frames of {info.path}, {(stretch.end_ns - stretch.begin_ns) / SECOND:.1f} s at {rate:g} x"
         )
@@ -178,10 +178,10 @@ def play_frames(info: BagInfo, given: dict[str, Any], say: Say) -> int:
         return 1 if outlet.failed else 0
 
 
-def _play(source: Source, outlet: FrameOutlet, rate: float, asked: list[int]) -> array[float]:
+def _play(source: MessageSource, outlet: FrameOutlet, rate: float, asked: list[int]) -> array[float]:
     """Send a source's frames at their times; return how late each was, s."""
     late = array("d")
-    progress = Progress(source.stretch.period_ns / SECOND, source.loop)
+    progress = ReplayProgress(source.stretch.period_ns / SECOND, source.loop)
     source.wait_ready()
     origin = time.monotonic()
     try:

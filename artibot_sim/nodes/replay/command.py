@@ -11,12 +11,12 @@ import click
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.own_effects import effects_option
-from artibot_sim.nodes.common.options import Number
+from artibot_sim.nodes.common.options import BoundedNumber
 from artibot_sim.nodes.common.process import node_main
 from artibot_sim.report.files import OutputFile
 
-_POSITIVE = Number(min=0, min_open=True)
-_NOT_NEGATIVE = Number(min=0)
+_POSITIVE = BoundedNumber(min=0, min_open=True)
+_NOT_NEGATIVE = BoundedNumber(min=0)
 _TOPICS_HELP = "Topic to publish, * and ? allowed; repeat, or separate by commas.  [default: all that move no rover]"
 _WAIT_HELP = (
     "Begin when all who listen already are found and every topic has so many subscribers; 0: at once.  "

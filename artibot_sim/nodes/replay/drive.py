@@ -22,7 +22,7 @@ from artibot_sim.nodes.common.arbiter import SIGN_OF_LIFE
 from artibot_sim.nodes.common.qos import publisher
 from artibot_sim.nodes.common.stamps import SECOND, stamp_of, with_stamp
 from artibot_sim.nodes.replay.player import Outlet
-from artibot_sim.nodes.replay.progress import Progress
+from artibot_sim.nodes.replay.progress import ReplayProgress
 from artibot_sim.nodes.replay.selection import COMMAND, PROFILE, REQUEST, called, moves_a_rover, sibling
 
 SIGN_PERIOD = 0.02
@@ -35,7 +35,7 @@ _NAP = 0.005
 
 
 @dataclass(frozen=True)
-class Event:
+class Publication:
     """Something to publish: `at` s after the drive's start (negative: before it)."""
 
     at: float
@@ -101,7 +101,7 @@ class Script:
             return True
         return topic in self.outlets and moves_a_rover(topic, message.channel.ros_type)
 
-    def _events(self, message: RawMessage) -> list[Event]:
+    def _events(self, message: RawMessage) -> list[Publication]:
         """Return what becomes of a recorded message; plans at once, all else at its time."""
         topic, ros_type = message.channel.topic, message.channel.ros_type
         at = (message.log_ns - self.start_log) / SECOND
@@ -110,14 +110,14 @@ class Script:
             outlet = self.outlets[topic]
             if ros_type == "trajectory_msgs/msg/JointTrajectory":
                 later = (stamp_of(message.data) - self.start_ns) / SECOND
-                found.append(Event(-1e9 if later <= 0 else at, outlet, message.data, "profile"))
+                found.append(Publication(-1e9 if later <= 0 else at, outlet, message.data, "profile"))
             elif ros_type == "nav_msgs/msg/Path":
-                found.append(Event(-1e9, outlet, message.data, "path"))
+                found.append(Publication(-1e9, outlet, message.data, "path"))
             else:
                 driving = moves_a_rover(topic, ros_type)
-                found.append(Event(at, outlet, message.data, "command" if driving else "record"))
+                found.append(Publication(at, outlet, message.data, "command" if driving else "record"))
         if self.request and topic == self.request[0]:
-            found.append(Event(at, self.request[1], message.data, "command"))
+            found.append(Publication(at, self.request[1], message.data, "command"))
         return found
 
     def sign(self, topic: str, since_start: float, now_ns: int) -> bytes:
@@ -196,7 +196,7 @@ class Driver:
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(node)
         self._lives = {recorded: publisher(node, Odometry, name) for recorded, name in _signs_of_life(script).items()}
-        self._progress = Progress(script.length)
+        self._progress = ReplayProgress(script.length)
 
     def wait(self, count: int, timeout: float) -> None:
         """Wait for simulated time, if that is used, and for `count` listeners to every driving topic.
@@ -257,7 +257,7 @@ class Driver:
         self._progress.end()
         return not self.asked
 
-    def _publish(self, event: Event, now_ns: int, start_ns: int) -> None:
+    def _publish(self, event: Publication, now_ns: int, start_ns: int) -> None:
         data = event.data
         if event.kind == "profile":
             data = with_stamp(data, stamp_of(data) - self.script.start_ns + start_ns)

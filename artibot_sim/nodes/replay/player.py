@@ -22,8 +22,8 @@ from artibot_sim.experiment.topics import parse_qos
 from artibot_sim.nodes.common.message_types import import_message
 from artibot_sim.nodes.common.qos import publisher
 from artibot_sim.nodes.common.stamps import SECOND, stamp_of, with_stamp
-from artibot_sim.nodes.replay.progress import Progress
-from artibot_sim.nodes.replay.source import Due, RecordedTime, Source, lateness_summary
+from artibot_sim.nodes.replay.progress import ReplayProgress
+from artibot_sim.nodes.replay.source import Due, MessageSource, RecordedTime, lateness_summary
 
 # ----------------------------------------------------------------------
 # Publishers of recorded bytes: type and quality of service as recorded, nothing decoded.
@@ -128,7 +128,7 @@ ACKNOWLEDGED = 5.0
 
 
 @dataclass(frozen=True)
-class Pace:
+class PlaybackOptions:
     """How to play.
 
     Attributes
@@ -159,8 +159,8 @@ class Player:
     """
 
     def __init__(
-        self, node: Node, source: Source, outlets: dict[str, Outlet], recorded: RecordedTime, pace: Pace,
-        asked: list[int],
+        self, node: Node, source: MessageSource, outlets: dict[str, Outlet], recorded: RecordedTime,
+        pace: PlaybackOptions, asked: list[int],
     ) -> None:  # fmt: skip
         self.node = node
         self.source = source
@@ -185,7 +185,7 @@ class Player:
             node.create_service(SetBool, "~/pause", self._on_pause),
             node.create_service(Trigger, "~/step", self._on_step),
         ]
-        self._progress = Progress(source.stretch.period_ns / SECOND, source.loop)
+        self._progress = ReplayProgress(source.stretch.period_ns / SECOND, source.loop)
 
     @property
     def position(self) -> float:

@@ -11,7 +11,7 @@ PERIOD = 0.25
 """s between two pictures; drawing one takes a few ms, in which no message is published."""
 
 
-class Progress:
+class ReplayProgress:
     """A bar with position, speed and messages a second.
 
     Parameters

@@ -13,7 +13,7 @@ import numpy as np
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.alignment import on_one_clock, what_was_mended
 from artibot_sim.estimation.measurements import noise_levels, stretches
-from artibot_sim.estimation.residual_model import Predicted, ResidualModel, Turning, grid, load_residual
+from artibot_sim.estimation.residual_model import MotorSpeeds, Predicted, ResidualModel, grid, load_residual
 from artibot_sim.experiment import open_recording, read_bag
 from artibot_sim.experiment.columns import Experiment, Floats
 from artibot_sim.experiment.measured import Measured
@@ -133,7 +133,7 @@ def with_residual(result: Resimulation, model: ResidualModel) -> Resimulation:
             np.column_stack([np.interp(t, run.t, column) for column in table.T])
             for table in (run.pose, run.articulation_yaw[:, None])
         )
-        found = model.offsets(Turning(joined[0], joined[1][:, list(model.motors)]), Predicted(t, pose, bend[:, 0]))
+        found = model.offsets(MotorSpeeds(joined[0], joined[1][:, list(model.motors)]), Predicted(t, pose, bend[:, 0]))
         return np.column_stack([np.interp(run.t, t, column) for column in found.T])
 
     pieces = tuple(piece.moved(offsets) for piece in result.pieces)

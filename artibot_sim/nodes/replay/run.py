@@ -12,9 +12,9 @@ from artibot_sim.experiment.storage import BagInfo
 from artibot_sim.nodes.common.parameters import warn_of_unknown
 from artibot_sim.nodes.common.process import undisturbed
 from artibot_sim.nodes.replay.drive import Driver, Script, request_outlet
-from artibot_sim.nodes.replay.player import DISCOVERY, Outlet, Pace, Player, make_outlets
-from artibot_sim.nodes.replay.selection import REQUEST, Selection, Wish, called, select, without_frames
-from artibot_sim.nodes.replay.source import RecordedTime, Source, Stretch, write_statistics
+from artibot_sim.nodes.replay.player import DISCOVERY, Outlet, PlaybackOptions, Player, make_outlets
+from artibot_sim.nodes.replay.selection import REQUEST, ReplaySelection, Wish, called, select, without_frames
+from artibot_sim.nodes.replay.source import MessageSource, PlayedSpan, RecordedTime, write_statistics
 
 if TYPE_CHECKING:
     from artibot_sim.nodes.replay.can import FrameOutlet
@@ -44,7 +44,7 @@ def play(node: Node, info: BagInfo, wish: Wish, given: dict[str, Any], asked: li
 def _play(
     node: Node, info: BagInfo, wish: Wish, given: dict[str, Any], asked: list[int], frames: FrameOutlet | None
 ) -> int:
-    stretch = Stretch.of(info, given["start"], given["end"])
+    stretch = PlayedSpan.of(info, given["start"], given["end"])
     selection = _selected(node, info, wish, frames)
     outlets = make_outlets(node, info, selection.names)
     if frames:
@@ -52,10 +52,10 @@ def _play(
         frames.drain_by(node)
     has_clock = any(channel.topic == "/clock" for channel in info.channels)
     hertz = _clock_rate(node, given["clock"])
-    pace = Pace(given["rate"] or 1.0, hertz, given["restamp"], given["pause"])
+    pace = PlaybackOptions(given["rate"] or 1.0, hertz, given["restamp"], given["pause"])
     recorded = RecordedTime(info.path, stretch, has_clock and hertz > 0)
     latched = [topic for topic, outlet in outlets.items() if outlet.latched]
-    source = Source(info.path, outlets, latched, stretch, given["loop"], frames.admits if frames else None)
+    source = MessageSource(info.path, outlets, latched, stretch, given["loop"], frames.admits if frames else None)
     player = Player(node, source, outlets, recorded, pace, asked)
     warn_of_unknown(node)
     if given["wait"] != 0:
@@ -77,7 +77,7 @@ def _play(
     return 1 if frames and frames.failed else 0
 
 
-def _selected(node: Node, info: BagInfo, wish: Wish, frames: FrameOutlet | None = None) -> Selection:
+def _selected(node: Node, info: BagInfo, wish: Wish, frames: FrameOutlet | None = None) -> ReplaySelection:
     """Choose the topics and say what is left out."""
     log = node.get_logger()
     plain, can = without_frames(info, wish, frames.publishers if frames else ())

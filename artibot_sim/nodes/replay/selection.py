@@ -42,7 +42,7 @@ def moves_a_rover(topic: str, ros_type: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Selection:
+class ReplaySelection:
     """What to publish.
 
     Attributes
@@ -96,7 +96,7 @@ def without_frames(info: BagInfo, wish: Wish, played: Collection[str]) -> tuple[
     return replace(info, channels=rest), tuple(sorted(frames - set(played)))
 
 
-def select(info: BagInfo, wish: Wish, resolve: Callable[[str], str]) -> Selection:
+def select(info: BagInfo, wish: Wish, resolve: Callable[[str], str]) -> ReplaySelection:
     """Choose topics.
 
     Parameters
@@ -107,7 +107,7 @@ def select(info: BagInfo, wish: Wish, resolve: Callable[[str], str]) -> Selectio
 
     Returns
     -------
-    Selection
+    ReplaySelection
         Without `drive` nothing that moves a rover, neither by its recorded name or type nor by the name that
         remapping gives it. With `drive` the recorded inputs, save requests unless asked for by name, and of the rest
         only what is asked for by name.
@@ -144,7 +144,7 @@ def select(info: BagInfo, wish: Wish, resolve: Callable[[str], str]) -> Selectio
         names[topic] = name
     if wish.request_from is not None:
         _find(info, channels, wish.request_from, "--request-from")
-    return Selection(names, tuple(left_out), unread)
+    return ReplaySelection(names, tuple(left_out), unread)
 
 
 def _considered(topic: str, channel: ChannelInfo, asked: bool, wish: Wish) -> bool:

@@ -27,7 +27,7 @@ GAP_NS = 10_000_000
 
 
 @dataclass(frozen=True)
-class Stretch:
+class PlayedSpan:
     """The part of a recording that is played, log times in ns; `end_ns` is still played."""
 
     begin_ns: int
@@ -39,7 +39,7 @@ class Stretch:
         return self.end_ns - self.begin_ns + GAP_NS
 
     @classmethod
-    def of(cls, info: BagInfo, start: float | None, end: float | None) -> Stretch:
+    def of(cls, info: BagInfo, start: float | None, end: float | None) -> PlayedSpan:
         """Return the stretch from `start` to `end`, seconds from the recording's beginning.
 
         Raises
@@ -65,7 +65,7 @@ class Due(NamedTuple):
     message: RawMessage
 
 
-class Source:
+class MessageSource:
     """Messages of a stretch in order, pass after pass.
 
     Parameters
@@ -79,7 +79,7 @@ class Source:
     """
 
     def __init__(
-        self, path: Path, topics: Collection[str], latched: Collection[str], stretch: Stretch, loop: bool,
+        self, path: Path, topics: Collection[str], latched: Collection[str], stretch: PlayedSpan, loop: bool,
         admits: Callable[[RawMessage], bool] | None = None,
     ) -> None:  # fmt: skip
         self.path = path
@@ -176,7 +176,7 @@ class RecordedTime:
     has_clock : whether `/clock` was recorded.
     """
 
-    def __init__(self, path: Path, stretch: Stretch, has_clock: bool) -> None:
+    def __init__(self, path: Path, stretch: PlayedSpan, has_clock: bool) -> None:
         self.stretch = stretch
         self._log: list[int] = []
         self._clock: list[int] = []

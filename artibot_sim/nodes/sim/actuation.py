@@ -9,9 +9,9 @@ from typing import Any, Protocol
 from rclpy.node import Node
 
 from artibot_sim.model import Robot
-from artibot_sim.nodes.common.inputs import Inputs
+from artibot_sim.nodes.common.inputs import CommandInputs
 from artibot_sim.nodes.sim import parameters
-from artibot_sim.nodes.sim.engine import Engine, Sample, Timing
+from artibot_sim.nodes.sim.engine import Engine, Periods, TrueState
 
 Settings = Mapping[str, Any]
 
@@ -40,7 +40,7 @@ class Actuation(Protocol):
     def wait(self, seconds: float) -> None:
         """Until the next publication is due; at once where that is over."""
 
-    def step(self) -> Sample:
+    def step(self) -> TrueState:
         """The truth now; raises Diverged."""
 
     def reset(self) -> None:
@@ -55,13 +55,13 @@ class CommandedActuation:
 
     runs_on = ""
 
-    def __init__(self, node: Node, robot: Robot, timing: Timing, settings: Settings) -> None:
+    def __init__(self, node: Node, robot: Robot, timing: Periods, settings: Settings) -> None:
         self._robot, self._timing, self._kappa = robot, timing, float(settings["kappa"])
         driven = settings["front_mode"] == "driven"
         start, ground = parameters.start(settings), parameters.ground(settings)
         self._engine = Engine(robot, timing, start, settings["integrator"], driven, ground)
         self._engine.warm_up()  # before anybody can see a subscription and send what would then be late
-        self._inputs = Inputs(node, parameters.rules(settings, robot), settings["cmd_vel_stamped"])
+        self._inputs = CommandInputs(node, parameters.rules(settings, robot), settings["cmd_vel_stamped"])
 
     @property
     def t_ns(self) -> int:
@@ -95,7 +95,7 @@ class CommandedActuation:
         time.sleep(max(0.0, seconds))
         self._inputs.take()
 
-    def step(self) -> Sample:
+    def step(self) -> TrueState:
         """The truth now, under the commands for the period that begins."""
         return self._engine.step(self._inputs.decide(self._timing.knot_ns, self._timing.knots), self._kappa)
 

@@ -13,8 +13,8 @@ from artibot_sim.nodes.drives.loop import drive_config, drive_states, open_drive
 from artibot_sim.nodes.drives.motors import RoverShafts
 from artibot_sim.nodes.sim import parameters
 from artibot_sim.nodes.sim.actuation import Settings
-from artibot_sim.nodes.sim.engine import Sample, Timing
-from artibot_sim.nodes.sim.sensors import Sensors
+from artibot_sim.nodes.sim.engine import Periods, TrueState
+from artibot_sim.nodes.sim.sensors import SimulatedSensors
 
 
 class DrivenActuation:
@@ -23,7 +23,9 @@ class DrivenActuation:
     runs_on = "its drives live in real time, like a real rover's"
     has_command = True
 
-    def __init__(self, node: Node, robot: Robot, timing: Timing, settings: Settings, sensors: Sensors) -> None:
+    def __init__(
+        self, node: Node, robot: Robot, timing: Periods, settings: Settings, sensors: SimulatedSensors
+    ) -> None:
         parameters.check_drives(settings)
         get = settings.__getitem__
         start, ground = parameters.start(settings), parameters.ground(settings)
@@ -61,7 +63,7 @@ class DrivenActuation:
             self._log.info(f"drives: {states}")
             self._said = states
 
-    def step(self) -> Sample:
+    def step(self) -> TrueState:
         """The truth now."""
         return self._shafts.sample()
 

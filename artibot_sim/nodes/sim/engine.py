@@ -14,7 +14,7 @@ from artibot_sim.model.robot.derived import front_params
 from artibot_sim.model.simulate.commands import CommandChain, travelled
 from artibot_sim.model.simulate.motion import angular_velocity, joint_motion, linear_velocity
 from artibot_sim.model.simulate.rollout import default_modes, motor_coordinates, side_gears
-from artibot_sim.nodes.common.arbiter import Decision, Source
+from artibot_sim.nodes.common.arbiter import CommandSource, PeriodCommands
 from artibot_sim.nodes.common.rotations import rotation
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ KNOT_NS = 10_000_000
 
 
 @dataclass(frozen=True)
-class Start:
+class StartPose:
     """Where the rover starts: pose of the front module in `map` (m, rad) and articulation yaw (rad)."""
 
     x: float = 0.0
@@ -34,7 +34,7 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Timing:
+class Periods:
     """Periods in integer nanoseconds: of publication, of the command knots, of integration.
 
     Attributes
@@ -57,7 +57,7 @@ class Timing:
         return self.period_ns // self.knots
 
     @classmethod
-    def of(cls, publish_rate: float, dt: float) -> Timing:
+    def of(cls, publish_rate: float, dt: float) -> Periods:
         """From a rate (Hz) and a step (s).
 
         Raises
@@ -77,7 +77,7 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class Sample:
+class TrueState:
     """The truth at one instant: shapes (4,) by MOTORS (by `Robot.motors`); map frame unless said otherwise.
 
     Attributes
@@ -135,8 +135,8 @@ class Engine:
     Parameters
     ----------
     robot : Robot
-    timing : Timing
-    start : Start
+    timing : Periods
+    start : StartPose
     integrator : str
         ``"rk4"`` or ``"semi_implicit"``.
     driven : bool
@@ -147,7 +147,7 @@ class Engine:
     """
 
     def __init__(
-        self, robot: Robot, timing: Timing, start: Start, integrator: str = "rk4", driven: bool = False,
+        self, robot: Robot, timing: Periods, start: StartPose, integrator: str = "rk4", driven: bool = False,
         ground: Ground | None = None,
     ) -> None:  # fmt: skip
         self.robot, self.ground = robot, ground
@@ -165,7 +165,7 @@ class Engine:
     def warm_up(self) -> None:
         """Compile or load the kernel, so that the first period is like all others."""
         still = ((0.0, 0.0),) * (self.timing.knots + 1)
-        self.step(Decision(still, still, (math.nan, math.nan), Source.NONE), self.robot.control.kappa)
+        self.step(PeriodCommands(still, still, (math.nan, math.nan), CommandSource.NONE), self.robot.control.kappa)
         self.reset()
 
     def reset(self) -> None:
@@ -179,7 +179,7 @@ class Engine:
         """Angles of the front motors, right and left, rad."""
         return float(self.state.q[6]), float(self.state.q[7])
 
-    def step(self, decision: Decision, kappa: float) -> Sample:
+    def step(self, decision: PeriodCommands, kappa: float) -> TrueState:
         """The truth now, under these commands; the state then is that of the period's end.
 
         Raises
@@ -205,7 +205,7 @@ class Engine:
         self._v_last, self.state = self.state.v, result.final_state
         return sample
 
-    def _commands(self, decision: Decision) -> Commands:
+    def _commands(self, decision: PeriodCommands) -> Commands:
         n = len(decision.velocity)
         velocity, position, torque = (np.full((n, 4), np.nan) for _ in range(3))
         velocity[:, :2], position[:, :2] = self._executed(np.array(decision.velocity), np.array(decision.position))
@@ -224,18 +224,18 @@ class Engine:
         self._angles = turned[-1]
         return followed, turned
 
-    def _sample(self, result: Rollout, decision: Decision) -> Sample:
+    def _sample(self, result: Rollout, decision: PeriodCommands) -> TrueState:
         """Row 0 of the period: its torques are those that act from this instant on, as in one long rollout."""
         q, v = result.q[0], result.v[0]
         felt = (v[:3] - self._v_last[:3]) / (self.timing.period_ns * 1e-9) - self._gravity
         return sample_of(self.robot, q, v, result.motor_torque[0], felt, decision.velocity[0])
 
 
-def sample_of(robot: Robot, q: Array, v: Array, torque: Array, felt: Array, command: tuple[float, float]) -> Sample:
+def sample_of(robot: Robot, q: Array, v: Array, torque: Array, felt: Array, command: tuple[float, float]) -> TrueState:
     """The sample of a state (q, v), both of shape (16,), under motor torques (4,); it keeps views of the arrays."""
     motors, passive = motor_coordinates(robot), None in robot.drive.trailing
     c, s = math.cos(q[5]), math.sin(q[5])
-    return Sample(
+    return TrueState(
         position=q[:3],
         rpy=q[3:6],
         twist=(float(c * v[0] + s * v[1]), float(c * v[1] - s * v[0]), float(v[5])),

@@ -35,13 +35,13 @@ from artibot_sim.model import load_robot
 from artibot_sim.model.simulate.sensors import sensor_errors
 from artibot_sim.nodes.common.pacer import Pacer, check_stats
 from artibot_sim.nodes.common.parameters import keep_types, warn_of_unknown
-from artibot_sim.nodes.common.transforms import Frames, has_tf
+from artibot_sim.nodes.common.transforms import FrameNames, has_tf
 from artibot_sim.nodes.sim import parameters as parameters
 from artibot_sim.nodes.sim import parameters as settings
 from artibot_sim.nodes.sim.actuation import Actuation, CommandedActuation
-from artibot_sim.nodes.sim.engine import Diverged, Timing
+from artibot_sim.nodes.sim.engine import Diverged, Periods
 from artibot_sim.nodes.sim.publishers import Published, Publishers
-from artibot_sim.nodes.sim.sensors import Sensors
+from artibot_sim.nodes.sim.sensors import SimulatedSensors
 
 SERVE_EVERY = 0.05
 """How often services and parameters are served while simulated time runs, s."""
@@ -88,8 +88,8 @@ class SimNode(Node):
         self.settings |= {spec.name: parameters.declare(self, spec) for spec in parameters.OTHERS}
         get = self.settings.__getitem__
         check_stats(self.settings["stats"])
-        self.timing = Timing.of(get("publish_rate"), get("dt"))
-        self.sensors = Sensors(settings.sensor_model(self.settings), get("seed"), sensor_errors(self.robot))
+        self.timing = Periods.of(get("publish_rate"), get("dt"))
+        self.sensors = SimulatedSensors(settings.sensor_model(self.settings), get("seed"), sensor_errors(self.robot))
         self.actuation = self._actuation()
         slip = Slip.of(self.settings, self.robot)
         self.odometry = Odometry(metres_per_radian(self.robot), self.robot.front.i_y, slip)
@@ -130,7 +130,7 @@ class SimNode(Node):
             tf=has_tf(self, get("publish_tf")),
             imu=get("imu.enabled"),
             station=get("total_station.enabled"),
-            frames=Frames.of(get("frame_prefix"), get("map_frame")),
+            frames=FrameNames.of(get("frame_prefix"), get("map_frame")),
             gyro_deviation=settings.gyro_deviation(self.settings),
             acceleration_deviation=get("imu.acceleration_deviation") or get("imu.acceleration_noise"),
             orientation=get("imu.orientation"),

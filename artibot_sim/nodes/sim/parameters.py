@@ -14,7 +14,7 @@ from artibot_sim.model import Ground, Robot, load_ground
 from artibot_sim.nodes.common.arbiter import Rules, parse_sources
 from artibot_sim.nodes.common.parameters import declare as declare_spec
 from artibot_sim.nodes.common.profile import Refused
-from artibot_sim.nodes.sim.engine import Start
+from artibot_sim.nodes.sim.engine import StartPose
 from artibot_sim.nodes.sim.sensors import SensorModel
 from artibot_sim.parameters import Spec, Value
 
@@ -167,9 +167,9 @@ def rules(settings: Settings, robot: Robot) -> Rules:
     )
 
 
-def start(settings: Settings) -> Start:
+def start(settings: Settings) -> StartPose:
     """Where the rover starts."""
-    return Start(*(settings[f"start.{name}"] for name in ("x", "y", "yaw", "articulation_yaw")))
+    return StartPose(*(settings[f"start.{name}"] for name in ("x", "y", "yaw", "articulation_yaw")))
 
 
 def ground(settings: Settings) -> Ground | None:

@@ -20,9 +20,9 @@ from artibot_sim.model import Robot
 from artibot_sim.nodes.common.motor_publishers import MotorPublishers, WheelJoints
 from artibot_sim.nodes.common.qos import PUBLISHED, publisher
 from artibot_sim.nodes.common.rotations import quaternion
-from artibot_sim.nodes.common.transforms import Frames
-from artibot_sim.nodes.sim.engine import Sample
-from artibot_sim.nodes.sim.sensors import Sensors
+from artibot_sim.nodes.common.transforms import FrameNames
+from artibot_sim.nodes.sim.engine import TrueState
+from artibot_sim.nodes.sim.sensors import SimulatedSensors
 from artibot_sim.nodes.sim.transforms import SimulatedTransforms
 
 LEAST_RATE, LEAST_ACCELERATION, LEAST_ANGLE = 1e-3, 1e-2, 1e-3
@@ -42,7 +42,7 @@ class Published:
     tf: bool
     imu: bool
     station: bool
-    frames: Frames
+    frames: FrameNames
     gyro_deviation: float
     acceleration_deviation: float
     orientation: bool = False
@@ -98,7 +98,9 @@ class Publishers:
             self._clock_message.clock.sec, self._clock_message.clock.nanosec = divmod(t_ns, 1_000_000_000)
             self._clock.publish(self._clock_message)
 
-    def publish(self, t_ns: int, sample: Sample, sensors: Sensors, believed: Believed, station_due: bool) -> None:
+    def publish(
+        self, t_ns: int, sample: TrueState, sensors: SimulatedSensors, believed: Believed, station_due: bool
+    ) -> None:
         """Publish one instant on every topic; `believed` goes on by it, unless a driver has the odometry."""
         stamp = divmod(t_ns, 1_000_000_000)
         self.clock(t_ns)
@@ -120,7 +122,7 @@ class Publishers:
         if self._tf:
             self._tf.publish(t_ns, sample, believed.pose)
 
-    def _publish_truth(self, stamp: tuple[int, int], sample: Sample) -> None:
+    def _publish_truth(self, stamp: tuple[int, int], sample: TrueState) -> None:
         message = self._truth_message
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
         pose, twist = message.pose.pose, message.twist.twist
@@ -132,7 +134,7 @@ class Publishers:
         self._truth.publish(message)
 
     def _publish_joints(
-        self, stamp: tuple[int, int], sample: Sample, sensors: Sensors, position: Any, rate: Any
+        self, stamp: tuple[int, int], sample: TrueState, sensors: SimulatedSensors, position: Any, rate: Any
     ) -> None:
         message = self._joints_message
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
@@ -146,7 +148,7 @@ class Publishers:
         message.position, message.velocity = angles, rates
         self._joints.publish(message)  # type: ignore[union-attr]
 
-    def _publish_imu(self, stamp: tuple[int, int], sample: Sample, sensors: Sensors) -> None:
+    def _publish_imu(self, stamp: tuple[int, int], sample: TrueState, sensors: SimulatedSensors) -> None:
         message = self._imu_message
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
         turned, felt = sensors.imu(sample.rates, sample.acceleration)

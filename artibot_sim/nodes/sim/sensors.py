@@ -52,7 +52,7 @@ class SensorModel:
     orientation: float = 0.0
 
 
-class Sensors:
+class SimulatedSensors:
     """The sensors of one rover with their random streams.
 
     Parameters

@@ -20,8 +20,8 @@ from rclpy.qos import qos_profile_sensor_data
 from artibot_sim.model import Robot
 from artibot_sim.nodes.common.qos import Polled, subscription
 from artibot_sim.nodes.common.rotations import rotation
-from artibot_sim.nodes.common.transforms import Frames, Place, TransformPublisher
-from artibot_sim.nodes.sim.engine import Sample
+from artibot_sim.nodes.common.transforms import FrameNames, Place, TransformPublisher
+from artibot_sim.nodes.sim.engine import TrueState
 
 Array = NDArray[np.float64]
 
@@ -36,12 +36,12 @@ class SimulatedTransforms:
     ----------
     node : rclpy Node
     robot : Robot
-    frames : Frames
+    frames : FrameNames
     with_driver : bool
         Whether a driver publishes the odometry; then the simulator subscribes to it.
     """
 
-    def __init__(self, node: Node, robot: Robot, frames: Frames, with_driver: bool) -> None:
+    def __init__(self, node: Node, robot: Robot, frames: FrameNames, with_driver: bool) -> None:
         pairs = [(frames.map, frames.odom)]
         ahead = frames.base
         for i in range(1, len(robot.modules)):
@@ -52,7 +52,7 @@ class SimulatedTransforms:
         self._joints = list(zip(robot.hitches, robot.modules[1:], strict=True))
         self._odometry = DriverOdometry(node) if with_driver else None
 
-    def publish(self, t_ns: int, sample: Sample, believed: tuple[float, float, float]) -> None:
+    def publish(self, t_ns: int, sample: TrueState, believed: tuple[float, float, float]) -> None:
         """Publish them at one instant; `believed` is this node's own odometry (m, rad)."""
         truth = (tuple(sample.position.tolist()), tuple(sample.rpy.tolist()))
         correction: Place | None = corrected(truth, believed)  # type: ignore[arg-type]
@@ -60,7 +60,7 @@ class SimulatedTransforms:
             correction = self._odometry.correction(t_ns, sample)
         self._publisher.publish(t_ns, correction, *self._articulations(sample))
 
-    def _articulations(self, sample: Sample) -> Iterator[Place]:
+    def _articulations(self, sample: TrueState) -> Iterator[Place]:
         """Of each joint: the joint on the module ahead, and the module behind on the joint."""
         for (hitch, behind), (bend, twist) in zip(
             self._joints, sample.articulation[0].reshape(-1, 2).tolist(), strict=False
@@ -79,7 +79,7 @@ class DriverOdometry:
         self._truths: deque[tuple[int, Array]] = deque(maxlen=KEPT)
         self._correction: Place | None = None
 
-    def correction(self, t_ns: int, sample: Sample) -> Place | None:
+    def correction(self, t_ns: int, sample: TrueState) -> Place | None:
         """``map`` → ``odom`` by the newest odometry; None before the first."""
         self._truths.append((t_ns, np.concatenate([sample.position, sample.rpy])))
         newest = None

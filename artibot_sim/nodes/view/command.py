@@ -85,7 +85,7 @@ def show(bag: Path, given: dict[str, Any]) -> int:
     """Write the file, or serve the page until the process is asked to end."""
     from artibot_sim.progress import Bar
     from artibot_sim.view.frames import film_of, measured_film
-    from artibot_sim.view.server import Player, announced, started, stopped
+    from artibot_sim.view.server import FilmPlayer, announced, started, stopped
 
     with Bar() as bar:
         experiment, robot, found = read(bag, given, bar)
@@ -104,7 +104,7 @@ def show(bag: Path, given: dict[str, Any]) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: asked.set())
     try:
-        player = Player(server, film, simulated)
+        player = FilmPlayer(server, film, simulated)
         click.echo(announced(server, given["browser"]))
         player.run(asked.is_set)
     finally:

@@ -9,7 +9,7 @@ import numpy as np
 
 from artibot_sim.diagnose.records import Comparison, Unexplained
 from artibot_sim.diagnose.result import Diagnosis, excess
-from artibot_sim.diagnose.validation.residuals import Samples, gather, sizes
+from artibot_sim.diagnose.validation.residuals import ErrorSamples, gather, sizes
 from artibot_sim.diagnose.words import channel_words, effect_words, is_wrong
 from artibot_sim.experiment.columns import SEGMENT_GAP
 from artibot_sim.identify.result import number, spaced
@@ -19,7 +19,7 @@ from artibot_sim.report import style
 from artibot_sim.report.panels import Floats, Level, Line, Panel
 from artibot_sim.report.style import Stroke
 from artibot_sim.report.web import numbers
-from artibot_sim.report.windows import Drive, Path, side_by_side
+from artibot_sim.report.windows import Path, WindowErrors, side_by_side
 
 # ----------------------------------------------------------------------
 # What a diagnosis draws: paths, errors over time and over what the rover did, as panels free of any library.
@@ -90,7 +90,7 @@ def windows(run: Comparison) -> list[Panel]:
         end = float(np.hypot(*(before[-1, 1:] - measured[-1])))
         paths = [Path(NAMES[0], measured, MEASURED), Path(NAMES[1], before[:, 1:], BEFORE)]
         paths += [Path(NAMES[2], run.after[row][:, 1:], AFTER)] if row < len(run.after) else []
-        drives.append(Drive(float(before[0, 0]), end, paths))
+        drives.append(WindowErrors(float(before[0, 0]), end, paths))
     return side_by_side(f"{run.name}_window", drives)
 
 
@@ -211,7 +211,7 @@ def clearest(found: Diagnosis, channel: str) -> Comparison | None:
 
 
 def _error(run: Comparison, channel: str) -> float:
-    samples: Samples | None = gather([run], channel)
+    samples: ErrorSamples | None = gather([run], channel)
     return float(np.sqrt(np.mean(samples.size**2))) if samples is not None and len(samples) else 0.0
 
 
@@ -331,7 +331,7 @@ def _role(effect: str, named: set[str], tied: set[str]) -> str:
 
 def error_map(found: Diagnosis, channel: str) -> dict[str, Any] | None:
     """Where on the map a channel's error of the paper's model sits; None where places are not known."""
-    samples: Samples | None = gather(found.comparisons, channel)
+    samples: ErrorSamples | None = gather(found.comparisons, channel)
     if samples is None or not np.isfinite(samples.at["x"]).any():
         return None
     x, y, size = _thinned(samples)
@@ -350,7 +350,7 @@ def error_map(found: Diagnosis, channel: str) -> dict[str, Any] | None:
     return {"data": [dots], "layout": _layout(*axes, margin={"l": 56, "r": 8, "t": 8, "b": 44})}
 
 
-def _thinned(samples: Samples) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _thinned(samples: ErrorSamples) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Places and sizes (m,), averaged over neighbours in time so that there are not too many."""
     known = np.flatnonzero(np.isfinite(samples.at["x"]) & np.isfinite(samples.at["y"]))
     group = max(1, -(-len(known) // _MOST))

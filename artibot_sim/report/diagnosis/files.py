@@ -20,15 +20,15 @@ from artibot_sim.diagnose.records import (
     ChannelBaseline,
     ChannelGain,
     Comparison,
+    EffectEstimate,
     ErrorBudget,
-    Estimate,
+    ErrorLocation,
+    ErrorSeries,
     Explainable,
     NextExperiment,
-    Place,
     PredictionError,
     Predictor,
     Refusal,
-    Series,
     SlowResidual,
     Unexplained,
     Varies,
@@ -82,7 +82,9 @@ def comparisons_from(arrays: Mapping[str, NDArray[Any]]) -> tuple[Comparison, ..
     for number, entry in enumerate(json.loads(str(arrays["contents"]))):
         parts = {name: _split(arrays[f"{number}/{name}"], arrays[f"{number}/{name}/rows"]) for name in _PATHS}
         channels = {
-            channel: Series(**{name: arrays[f"{number}/channels/{channel}/{name}"] for name in _SERIES}, noise=noise)
+            channel: ErrorSeries(
+                **{name: arrays[f"{number}/channels/{channel}/{name}"] for name in _SERIES}, noise=noise
+            )
             for channel, noise in entry["noise"].items()
         }
         covariates = {name: arrays[f"{number}/covariates/{name}"] for name in entry["covariates"]}
@@ -214,7 +216,7 @@ def _from_dict(document: Mapping[str, Any], robot: Robot, baseline_robot: Robot,
         holdout=tuple(document["holdout"]),
         horizon=_float(document["horizon"]),
         baseline={name: ChannelBaseline(**_floats(c)) for name, c in document["baseline"].items()},
-        where=tuple(Place(**place) for place in document["where"]),
+        where=tuple(ErrorLocation(**place) for place in document["where"]),
         causes=tuple(map(_cause, document["causes"])),
         ranking=tuple(map(_candidate, document["ranking"])),
         unexplained=_unexplained(what) if what else None,
@@ -267,15 +269,15 @@ def _unexplained(entry: Mapping[str, Any]) -> Unexplained:
     return Unexplained(**_floats(entry) | {"laws": laws, "spans": spans})
 
 
-def _parameters(entries: Mapping[str, Any]) -> dict[str, Estimate]:
+def _parameters(entries: Mapping[str, Any]) -> dict[str, EffectEstimate]:
     """Parameters of an effect with their intervals."""
     parameters = {}
     for name, p in entries.items():
         if isinstance(p["value"], str):
-            parameters[name] = Estimate(p["value"])
+            parameters[name] = EffectEstimate(p["value"])
         else:
             low_high = tuple(map(_float, p["ci95"])) if p.get("ci95") else None
-            parameters[name] = Estimate(_float(p["value"]), p["unit"], low_high)  # type: ignore[arg-type]
+            parameters[name] = EffectEstimate(_float(p["value"]), p["unit"], low_high)  # type: ignore[arg-type]
     return parameters
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from artibot_sim.diagnose import result
-from artibot_sim.diagnose.records import Candidate, Estimate, Unexplained, Verdict
+from artibot_sim.diagnose.records import Candidate, EffectEstimate, Unexplained, Verdict
 from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.diagnose.words import (
     amount,
@@ -178,7 +178,7 @@ def _physics(effect: str) -> str:
     return f"<p><b>{html.escape(effect_words(effect))}</b>: {html.escape(said)}</p>"
 
 
-def _parameter(effect: str, name: str, p: Estimate) -> tuple[str, ...]:
+def _parameter(effect: str, name: str, p: EffectEstimate) -> tuple[str, ...]:
     said = html.escape(effect_words(name))
     if isinstance(p.value, str):
         return said, html.escape(effect_words(p.value)), "", "", ""

@@ -21,7 +21,7 @@ from artibot_sim.bench.steadiness import EXAMPLES, HIDDEN, Case, generated, reco
 from artibot_sim.diagnose.holdout import split
 from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
-from artibot_sim.diagnose.selection.forward import Stage, stage
+from artibot_sim.diagnose.selection.forward import SearchStage, stage
 from artibot_sim.diagnose.selection.joint_fits import Rounds
 from artibot_sim.estimation.alignment import on_one_clock
 from artibot_sim.estimation.problem import Problem
@@ -34,7 +34,7 @@ class Searched(NamedTuple):
     """The first search by one seed, and the processor time of soil and effects, s."""
 
     seed: int
-    stage: Stage
+    stage: SearchStage
     soil: float
     effects: float
 
@@ -50,7 +50,7 @@ def searched(case: Case, robot: Robot, seed: int) -> Searched:
     return Searched(seed, found, soil - begun, time.process_time() - soil)
 
 
-def missed(first: Stage, found: Stage, effect: str) -> float:
+def missed(first: SearchStage, found: SearchStage, effect: str) -> float:
     """Nats of a fit with an effect (none: "") under the first search's noise, a constant apart; NaN if not fitted."""
     fits: dict[str, tuple[Problem, Fit]] = {"": (found.problem, found.fit)}
     fits |= {rival.id: (rival.problem, rival.fit) for rival in found.rivals}

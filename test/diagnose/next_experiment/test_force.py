@@ -24,7 +24,7 @@ from artibot_sim.diagnose.next_experiment.choice import (
     rivals,
     separation,
 )
-from artibot_sim.diagnose.next_experiment.simulation import KAPPA, LIBRARY, Entry
+from artibot_sim.diagnose.next_experiment.simulation import KAPPA, LIBRARY, LibraryManoeuvre
 from artibot_sim.diagnose.unlisted.finding import ForceFinding, search_forces
 from artibot_sim.diagnose.unlisted.forms import TIME, WANDERING
 from artibot_sim.estimation.parameters import SOIL
@@ -56,7 +56,7 @@ def robot_of(problem: Problem, found: ForceFinding) -> Robot:
     return problem.parameters.robot_at(found.soil)
 
 
-def driven_elsewhere(name: str, entry: Entry) -> Experiment:
+def driven_elsewhere(name: str, entry: LibraryManoeuvre) -> Experiment:
     """A recording of the manoeuvre as the tests' own simulator drives it, the force at work."""
     _, _, truth, soil = found_in(name)
     plain = machine(AGRIQ, dict(soil), KAPPA)

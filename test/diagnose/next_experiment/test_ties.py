@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.next_experiment.choice import ENOUGH, USUAL, by_commands, duration, hardest, next_experiment
-from artibot_sim.diagnose.next_experiment.simulation import LIBRARY, Explanation, nuisance_parameters, trial
+from artibot_sim.diagnose.next_experiment.simulation import LIBRARY, TrialExplanation, nuisance_parameters, trial
 from artibot_sim.model import Robot, load_robot
 
 AGRIQ = load_robot("agriq")
@@ -54,13 +54,13 @@ def test_another_soil_and_another_size_are_no_difference() -> None:
     driven = trial(PULLED["slope"], BY_NAME["bends"], (0.0, 0.0), tuple(NOISE))
     near = PULLED["slope"].replace({"contact.k_t": 1.03 * AGRIQ.contact.k_t, "contact.u_w": 0.97 * AGRIQ.contact.u_w})
     near = replace(near, effects={"slope": {"grade": 0.053, "heading": 1.1}})
-    frozen = Explanation(driven, near, NOISE)
+    frozen = TrialExplanation(driven, near, NOISE)
     left = frozen.nats()
     stiff = frozen._cost(np.zeros(len(nuisance_parameters(near))), *(_still(frozen)))
     assert left < 0.1 * stiff
 
 
-def _still(explanation: Explanation) -> tuple:
+def _still(explanation: TrialExplanation) -> tuple:
     moves = np.zeros_like(explanation.trial.starts)
     shifts = np.zeros(len(nuisance_parameters(explanation.robot)))
     return moves, explanation._residuals([shifts], moves[None])[0]
@@ -82,7 +82,7 @@ def test_a_delay_and_a_lag_differ_in_the_command_view_alone() -> None:
     driven = trial(LATE["command_delay"], entry, (0.0, 0.0), tuple(NOISE))
     assert by_commands(driven, LATE["speed_loop_lag"], NOISE) > ENOUGH
     assert by_commands(driven, LATE["command_delay"], NOISE) < 1e-3
-    assert Explanation(driven, LATE["speed_loop_lag"], NOISE).nats() < 1e-3
+    assert TrialExplanation(driven, LATE["speed_loop_lag"], NOISE).nats() < 1e-3
 
 
 def test_a_torque_sensors_scale_shows_in_commanded_back_torques() -> None:

@@ -13,10 +13,10 @@ from artibot_sim.diagnose.candidates.screening import Trial
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import without_ties_among_named
 from artibot_sim.diagnose.policy import THRESHOLDS
-from artibot_sim.diagnose.records import Estimate, Verdict
+from artibot_sim.diagnose.records import EffectEstimate, Verdict
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.evidence import DECADE, Evidence, others
-from artibot_sim.diagnose.selection.forward import Stage
+from artibot_sim.diagnose.selection.forward import SearchStage
 from artibot_sim.diagnose.selection.joint_fits import Rival
 from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.estimation.loss import Loss
@@ -35,7 +35,10 @@ from artibot_sim.model.effects import EFFECTS
 ROBOT = load_robot("agriq")
 FITTED = ("joint_friction", "joint_damping")
 """Effects of the view driven by rotations, in the order in which they are found here."""
-COMMANDED = {"speed_loop_lag": {"time_constant": Estimate(0.2, "s")}, "command_delay": {"delay": Estimate(0.1, "s")}}
+COMMANDED = {
+    "speed_loop_lag": {"time_constant": EffectEstimate(0.2, "s")},
+    "command_delay": {"delay": EffectEstimate(0.1, "s")},
+}
 NATS = {"joint_friction": 500.0, "joint_damping": 90.0, "speed_loop_lag": 700.0, "command_delay": 300.0}
 
 
@@ -46,14 +49,14 @@ def fit_of(problem: Problem) -> Fit:
     return Fit(point, loss, None, (), True)  # type: ignore[arg-type]
 
 
-def turn_for(problem: Problem, effect: str) -> tuple[Stage, Problem]:
+def turn_for(problem: Problem, effect: str) -> tuple[SearchStage, Problem]:
     """A search that found an effect, plain in size, beside those in the problem."""
     fit, extension = fit_of(problem), Extension(effect)
     more = with_effect(problem, extension)
     there = fit_of(more)
     rival = Rival(Trial(Hypothesis(extension), more, there.point, np.ones(1)), there)
     told = Evidence(NATS[effect], 0.0, np.ones(1), np.full((1, 1), 1e-4))
-    return Stage((rival.trial,), (rival,), {effect: told}, problem, fit, fit.loss, fit.point.cost), more
+    return SearchStage((rival.trial,), (rival,), {effect: told}, problem, fit, fit.loss, fit.point.cost), more
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +72,7 @@ def decision_of(run: Experiment, order: tuple[str, ...]) -> Decision:
         found, problem = turn_for(problem, effect)
         stages.append(found)
     fit = fit_of(problem)
-    stages.append(Stage((), (), {}, problem, fit, fit.loss, fit.point.cost))
+    stages.append(SearchStage((), (), {}, problem, fit, fit.loss, fit.point.cost))
     fitted = [name for name in order if name in FITTED]
     at = {name: number for number, name in enumerate(fitted)}
     named = tuple(Named(name, NATS[name], (), COMMANDED.get(name, {}), at.get(name, 0)) for name in order)

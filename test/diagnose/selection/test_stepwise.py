@@ -123,7 +123,7 @@ def search_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have searches by rotations try no effect."""
     monkeypatch.setattr(
         stepwise, "stage",
-        lambda problem, fit, loss, *_: stepwise.Stage((), (), {}, problem, fit, loss, fit.point.cost),
+        lambda problem, fit, loss, *_: stepwise.SearchStage((), (), {}, problem, fit, loss, fit.point.cost),
     )  # fmt: skip
 
 

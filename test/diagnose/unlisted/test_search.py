@@ -7,13 +7,13 @@ import pytest
 
 from artibot_sim.diagnose.policy import FORCE_WINDOW
 from artibot_sim.diagnose.unlisted.forms import TIME, forms
-from artibot_sim.diagnose.unlisted.search import Equations, Sums, judge, proven
+from artibot_sim.diagnose.unlisted.search import Equations, NormalEquations, judge, proven
 from artibot_sim.diagnose.words import NOTHING
 
 WINDOWS, FORCES, PARAMETERS, COLUMNS = 40, 6, 3, 2
 
 
-def equations(rng: np.random.Generator) -> tuple[Equations, Sums, np.ndarray, np.ndarray]:
+def equations(rng: np.random.Generator) -> tuple[Equations, NormalEquations, np.ndarray, np.ndarray]:
     """Random equations and columns; and what all columns together have, (windows, m, m) and (windows, m)."""
     size = FORCES + PARAMETERS
     root = rng.normal(size=(WINDOWS, size, size))
@@ -26,7 +26,7 @@ def equations(rng: np.random.Generator) -> tuple[Equations, Sums, np.ndarray, np
     own[8:, :, 1] = 0.0  # a column of the first stretch alone
     every = np.concatenate([own, beside], axis=2)
     turned = own.transpose(0, 2, 1)
-    sums = Sums(turned @ matrix @ own, np.einsum("wji,wj->wi", own, rhs), turned @ matrix @ beside)
+    sums = NormalEquations(turned @ matrix @ own, np.einsum("wji,wj->wi", own, rhs), turned @ matrix @ beside)
     return found, sums, every.transpose(0, 2, 1) @ matrix @ every, np.einsum("wji,wj->wi", every, rhs)
 
 

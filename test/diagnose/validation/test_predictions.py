@@ -9,9 +9,9 @@ import pytest
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect
 from artibot_sim.diagnose.commands.view import command_view
-from artibot_sim.diagnose.records import Estimate, Options
+from artibot_sim.diagnose.records import EffectEstimate, Options
 from artibot_sim.diagnose.selection.decision import Decision, Named
-from artibot_sim.diagnose.selection.forward import Stage
+from artibot_sim.diagnose.selection.forward import SearchStage
 from artibot_sim.diagnose.validation.predictions import gains, improvements, predict
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import Extension
@@ -31,10 +31,10 @@ REAL = replace(ROBOT, effects={"joint_friction": {"torque": TORQUE}, "speed_loop
 OPTIONS = Options(horizon=3.0)
 
 
-def turn_at(problem: Problem, own: np.ndarray) -> Stage:
+def turn_at(problem: Problem, own: np.ndarray) -> SearchStage:
     loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
     point = evaluate(problem, loss, [np.concatenate([np.zeros(5), own])], problem.starts)[0]
-    return Stage((), (), {}, problem, Fit(point, loss, None, (), True), loss, point.cost)  # type: ignore[arg-type]
+    return SearchStage((), (), {}, problem, Fit(point, loss, None, (), True), loss, point.cost)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("lag_first", [False, True])
@@ -47,7 +47,7 @@ def test_each_cause_takes_its_own_error_away(lag_first: bool) -> None:
     )
     named = [
         Named("joint_friction", 500.0, ()),
-        Named("speed_loop_lag", 400.0, (), {"time_constant": Estimate(LAG, "s")}),
+        Named("speed_loop_lag", 400.0, (), {"time_constant": EffectEstimate(LAG, "s")}),
     ]
     decision = Decision(
         tuple(named[::-1] if lag_first else named), 40.0, problem, stages[0].fit, stages[1].problem,
@@ -68,7 +68,7 @@ def test_what_is_not_there_makes_nothing_likelier() -> None:
     run = synthetic(ROBOT, random_manoeuvre(np.random.default_rng(2), 12.0), duration=12.0, kappa=0.8, seed=3)
     problem = problem_of([run], parameter_set(ROBOT), 5.0, 1)
     stages = (turn_at(problem, np.empty(0)),)
-    named = (Named("speed_loop_lag", 400.0, (), {"time_constant": Estimate(LAG, "s")}),)
+    named = (Named("speed_loop_lag", 400.0, (), {"time_constant": EffectEstimate(LAG, "s")}),)
     decision = Decision(
         named, 40.0, problem, stages[0].fit, problem, stages[0].fit, stages, {}
     )  # fmt: skip

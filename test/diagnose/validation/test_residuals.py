@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.records import ChannelBaseline, Comparison, Series
+from artibot_sim.diagnose.records import ChannelBaseline, Comparison, ErrorSeries
 from artibot_sim.diagnose.validation.predictions import baseline_levels, predict
 from artibot_sim.diagnose.validation.residuals import (
     concentration,
@@ -38,7 +38,7 @@ def drive(error, channel: str = "yaw_rate", runs: int = 3, two: bool = False) ->
               "y": y, "load": 1.0 + np.abs(rate)}  # fmt: skip
         shape = (len(t), 2) if two else len(t)
         before = error(at) + NOISE * rng.standard_normal(shape)
-        series = Series(t, before, NOISE * rng.standard_normal(shape), NOISE)
+        series = ErrorSeries(t, before, NOISE * rng.standard_normal(shape), NOISE)
         path = np.column_stack([t, x, y])
         comparisons.append(Comparison(f"run{k}", k == 2, path, (), (), (), (), None, None, {channel: series}, at))
     return comparisons
