@@ -137,8 +137,8 @@ def tried(mutant: Mutant, copy: Path) -> bool:
         raise SystemExit(f"{mutant.file}: found {text.count(mutant.right)} times, expected once: {mutant.right}")
     path.write_text(text.replace(mutant.right, mutant.wrong))
     environment = {**os.environ, "PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1"}
-    environment["NUMBA_CACHE_DIR"] = str(copy.parent / "numba")  # compiled code of another mutant must not be met
-    shutil.rmtree(copy.parent / "numba", ignore_errors=True)
+    environment["ARTIBOT_CACHE_DIR"] = str(copy.parent / "cache")  # compiled code of another mutant must not be met
+    shutil.rmtree(copy.parent / "cache", ignore_errors=True)
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider"]
     try:
         run = subprocess.run(

@@ -103,7 +103,7 @@ def _guard(run: Callable[[], Any]) -> int:
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     finally:
-        if getattr(sys.modules.get("artibot_sim.nodes.common.process"), "initialised", False):
+        if "rclpy" in sys.modules:
             # nodes, executors and contexts refer to each other, and what a loop froze is never collected by itself:
             # left to the process's end the middleware takes its participant down while its threads still read there
             gc.unfreeze()

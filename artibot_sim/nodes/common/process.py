@@ -70,9 +70,6 @@ def _replace(descriptor: int) -> None:
 
 __all__ = ["asked_to_end", "built", "destroyed", "ros_process", "split_ros_args", "undisturbed"]
 
-initialised = False
-"""Whether this process has ever initialised rclpy."""
-
 _SWITCH = 5e-4  # s: a thread hands over to the one that waits after so long; Python's own 5 ms are too many
 
 
@@ -162,8 +159,6 @@ def ros_process(name: str, ros_args: Sequence[str]) -> Iterator[list[int]]:
     from rclpy.exceptions import NameValidationException
     from rclpy.signals import SignalHandlerOptions
 
-    global initialised
-    initialised = True
     with asked_to_end() as asked:
         try:
             with _clear_refusals():

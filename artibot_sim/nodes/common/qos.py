@@ -6,10 +6,12 @@ from collections.abc import Callable
 from copy import copy
 from typing import Any
 
+from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
@@ -66,14 +68,21 @@ def subscription(
     overrides = QoSOverridingOptions.with_default_policies()
     if anew:
         beginning = f"qos_overrides.{node.resolve_topic_name(topic)}.subscription."
-        given = [
-            each for each in overrides.policy_kinds if f"{beginning}{each.name.lower()}" in node._parameter_overrides
-        ]
+        given = [each for each in overrides.policy_kinds if _is_given(node, f"{beginning}{each.name.lower()}")]
         overrides = QoSOverridingOptions(policy_kinds=given)
     return _overridable(
         node.create_subscription, kind, topic, callback, copy(qos),
         raw=raw, callback_group=group, qos_overriding_options=overrides,
     )  # fmt: skip
+
+
+def _is_given(node: Node, name: str) -> bool:
+    """Whether a parameter that is declared only where it was given has a value; it is declared no more than before."""
+    if node.has_parameter(name):
+        return True
+    given = node.declare_parameter(name, descriptor=ParameterDescriptor(dynamic_typing=True))
+    node.undeclare_parameter(name)
+    return given.type_ is not Parameter.Type.NOT_SET
 
 
 def _overridable(make: Callable[..., Any], kind: type, topic: str, *args: Any, **options: Any) -> Any:
