@@ -29,8 +29,7 @@ from artibot_sim.model.equations.transmission import (
     rolling_sign,
 )
 from artibot_sim.model.kernels.compilation import inlined
-from artibot_sim.model.kernels.cubic import cubic_at, cubic_between
-from artibot_sim.model.kernels.elementary import sincos, turn_by
+from artibot_sim.model.kernels.elementary import cubic_at, cubic_between, sincos, turn_by
 from artibot_sim.model.kernels.lane_layout import (
     AT,
     BRISTLED,

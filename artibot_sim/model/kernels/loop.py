@@ -12,7 +12,7 @@ from artibot_sim.model.effects import hooks
 from artibot_sim.model.equations.dynamics import module_gravity
 from artibot_sim.model.equations.transmission import TORQUE, driving
 from artibot_sim.model.kernels.compilation import inlined, kernel
-from artibot_sim.model.kernels.cubic import cubic_at, cubic_between
+from artibot_sim.model.kernels.elementary import cubic_at, cubic_between
 from artibot_sim.model.kernels.energy import powers
 from artibot_sim.model.kernels.integrators import (
     D_DDOT,

@@ -11,8 +11,7 @@ import math
 import numpy as np
 
 from artibot_sim.model.kernels.compilation import inlined, kernel
-from artibot_sim.model.kernels.cubic import cubic_at, cubic_between
-from artibot_sim.model.kernels.elementary import sincos
+from artibot_sim.model.kernels.elementary import cubic_at, cubic_between, sincos
 from artibot_sim.model.kernels.layout import ACC, BACK, F_L, F_N, F_T, GAMMA, M_M, SAT, X, Y
 
 POSE_AT, YAW_AT, YAW_BACK_AT, SPEED_AT, TURN_AT, TURN_BACK_AT, PUSH_AT, TORQUE_AT, SLIDING_AT, GRIP_AT = map(

@@ -39,8 +39,7 @@ from artibot_sim.model.equations.dynamics import (
 from artibot_sim.model.equations.kinematics import joint, sincos_small
 from artibot_sim.model.equations.transmission import TORQUE, driving, reflect
 from artibot_sim.model.kernels.compilation import inlined, kernel
-from artibot_sim.model.kernels.cubic import cubic_at, cubic_between
-from artibot_sim.model.kernels.elementary import sincos
+from artibot_sim.model.kernels.elementary import cubic_at, cubic_between, sincos
 from artibot_sim.model.kernels.energy import motor_powers, wheel_powers
 from artibot_sim.model.kernels.integrators import (
     D_DDOT,

@@ -1,6 +1,6 @@
-"""Whether an Epi.q can be as near to every number of Table 7 as its first geometry was: a search over what is inferred.
+"""Search an Epi.q that is nowhere further from Table 7 than its first geometry was, over all that is inferred.
 
-``python -m artibot_sim.reproduce.as_near`` searches lengths, ``--all`` all that the robot file infers or assumes.
+``python -m artibot_sim.reproduce.table7_search`` searches lengths, ``--all`` all that the robot file infers or assumes.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def epiq(values: Mapping[str, float]) -> Robot:
     i_x = values["gap"] + 2.0 * values["r_w"]
     front = (values["overall"] - i_x - 2.0 * values["r_w"]) / (1.0 + values["l_b/l_f"])
     if front <= 0.0:
-        raise ArtibotError("as_near: the wheels alone are longer than the robot")
+        raise ArtibotError("table7_search: the wheels alone are longer than the robot")
     changes = {"wheel.r_w": values["r_w"], "front.l": front, "back.l": values["l_b/l_f"] * front}
     changes |= {f"{module}.i_x": i_x for module in ("front", "back")}
     changes |= {f"{module}.i_y": values["i_y"] for module in ("front", "back")}
@@ -184,7 +184,7 @@ def _line(names: Sequence[str], values: Array, found: Array) -> str:
     return f"e_γ {e_gamma}, e_x {e_x}: {shown} m, {overall_length(robot):.3f} m long {more}".rstrip()
 
 
-@click.command("as_near")
+@click.command("table7_search")
 @click.option("--all", "everything", is_flag=True, help="Search all that is inferred or assumed, not lengths alone.")
 @click.option("--generations", default=30, show_default=True)
 @click.option("--population", default=8, show_default=True, help="Trials a generation, for each unknown.")

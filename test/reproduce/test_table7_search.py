@@ -9,10 +9,10 @@ import pytest
 
 from artibot_sim.model import load_robot
 from artibot_sim.planning import load_manoeuvre
-from artibot_sim.reproduce.as_near import FAR, FIRST, INFERRED, LENGTHS, Table7Search, differences, epiq
 from artibot_sim.reproduce.calibration import overall_length
 from artibot_sim.reproduce.paper import KAPPAS, TABLE_7
 from artibot_sim.reproduce.simulations import drive
+from artibot_sim.reproduce.table7_search import FAR, FIRST, INFERRED, LENGTHS, Table7Search, differences, epiq
 
 SHIPPED = {"overall": 0.30, "gap": 0.02, "i_y": 0.34, "l_b/l_f": 1.0, "r_w": 0.035}
 ASSUMED = {"J_m": 1e-7, "m_w": 0.12, "J_z": 0.02, "log A_motor": math.log(100.0), "log A_joint": math.log(20.0)}
