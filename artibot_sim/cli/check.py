@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from artibot_sim.cli.options import reading_options
 from artibot_sim.exchange.own_effects import effects_option
 
 if TYPE_CHECKING:
@@ -24,14 +25,7 @@ _PATH = click.Path(path_type=Path)
 @click.argument("recordings", nargs=-1, required=True, metavar="BAG [BAG…]", type=_PATH)
 @effects_option
 @click.option("--robot", required=True, help="Robot name or file that the recordings are of.")
-@click.option(
-    "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
-)
-@click.option(
-    "--joint", "joints", multiple=True, metavar="WANTED=FOUND[,FOUND]",
-    help="Take joints FOUND (their mean) as motor WANTED, such as front_right; repeatable.",
-)  # fmt: skip
-@click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
+@reading_options
 @click.option("--all", "whole", is_flag=True, help="Read all of a long recording, not pieces of it.")
 @click.option("--json", "as_json", type=click.Path(path_type=Path, dir_okay=False), help="Everything as JSON.")
 def command(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from artibot_sim.cli.options import holdout_share_option, reading_options
 from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.own_effects import effects_option
 from artibot_sim.report.files import fault
@@ -39,19 +40,9 @@ _READING = 0.1
 @click.option(
     "--holdout", multiple=True, metavar="BAG", type=_BAG, help="Recording to predict, not to fit; repeatable."
 )
-@click.option(
-    "--holdout-share", type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True), metavar="SHARE",
-    help="Share of every recording to predict, not to fit, such as 0.5: blocks of 12 s of it in turn.",
-)  # fmt: skip
+@holdout_share_option
 @click.option("--window", default=5.0, show_default=True, help="Length of a window, and of a prediction, s.")
-@click.option(
-    "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
-)
-@click.option(
-    "--joint", "joints", multiple=True, metavar="WANTED=FOUND[,FOUND]",
-    help="Take joints FOUND (their mean) as motor WANTED, such as front_right; repeatable.",
-)  # fmt: skip
-@click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
+@reading_options
 @click.option(
     "--report", type=_FILE, help="HTML page with residuals, predictions and free runs; its charts beside it as PNG."
 )

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from artibot_sim.cli.options import reading_options
 from artibot_sim.model import MOTORS
 from artibot_sim.report.files import OutputFile
 
@@ -27,14 +28,7 @@ _SHOWN = 18
 
 @click.command("inspect", context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("recording", metavar="BAG", type=click.Path(path_type=Path))
-@click.option(
-    "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
-)
-@click.option(
-    "--joint", "joints", multiple=True, metavar="WANTED=FOUND[,FOUND]",
-    help="Take joints FOUND (their mean) as motor WANTED, such as front_right; repeatable.",
-)  # fmt: skip
-@click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
+@reading_options
 @click.option("--all", "everything", is_flag=True, help="Also all topics that artibot does not read.")
 @click.option("--json", "as_json", type=OutputFile(), help="The same as JSON, in SI units.")
 def command(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from artibot_sim.cli.options import reading_options
 from artibot_sim.errors import ArtibotError
 from artibot_sim.report.files import OutputFile, fault
 
@@ -27,14 +28,7 @@ _FILE = OutputFile()
 @click.option("--html", type=_FILE, help="Page to write: interactive, one file, needs no network.")
 @click.option("--json", "as_json", type=_FILE, help="Figures of merit for scripts, in SI units.")
 @click.option("--robot", help="Robot name or file, for outlines and limits [what the recording names].")
-@click.option(
-    "--topic", "topics", multiple=True, metavar="WANTED=FOUND", help="Read topic FOUND as WANTED; repeatable."
-)
-@click.option(
-    "--joint", "joints", multiple=True, metavar="WANTED=FOUND[,FOUND]",
-    help="Take joints FOUND (their mean) as motor WANTED, such as front_right; repeatable.",
-)  # fmt: skip
-@click.option("--namespace", metavar="NAME", help="Rover whose topics to read, where there are several: /rover1.")
+@reading_options
 @click.option("--start", type=float, help="Draw from here on, s since the recording's start.")
 @click.option("--end", type=float, help="Draw up to here, s.")
 def command(

@@ -13,6 +13,8 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from artibot_sim.nodes.common.process import asked_to_end
+
 PATIENCE = 10.0
 """How long a child may take to end after SIGINT, s; then it is ended by force."""
 POLL = 0.03
@@ -214,11 +216,7 @@ def _reason(status: int) -> str:
 @contextlib.contextmanager
 def noted_signals() -> Iterator[list[int]]:
     """Take note of SIGINT, SIGTERM and SIGHUP (not under nohup) instead of being thrown out at an arbitrary place."""
-    asked: list[int] = []
-    numbers = [n for n in SIGNALS if not (n == signal.SIGHUP and signal.getsignal(n) == signal.SIG_IGN)]
-    before = {number: signal.signal(number, lambda n, _frame: asked.append(n)) for number in numbers}
-    try:
+    with asked_to_end(
+        [n for n in SIGNALS if not (n == signal.SIGHUP and signal.getsignal(n) == signal.SIG_IGN)]
+    ) as asked:
         yield asked
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

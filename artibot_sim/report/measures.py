@@ -36,7 +36,7 @@ _LATE = 0.1
 
 
 @dataclass(frozen=True)
-class Arc:
+class DrivenArc:
     """A part of the planned path that is a circle.
 
     Attributes
@@ -69,7 +69,7 @@ class Measures:
         The same for the final position (eq. 32).
     path_length : mapping
         ``planned``, ``odometric``, ``true`` → m over the window.
-    arcs : tuple of Arc
+    arcs : tuple of DrivenArc
     radius : mapping
         Kind → mean over the arcs, m, where all have one.
     remarks : tuple of str
@@ -80,7 +80,7 @@ class Measures:
     e_gamma: Mapping[str, float]
     e_x: Mapping[str, float]
     path_length: Mapping[str, float]
-    arcs: tuple[Arc, ...]
+    arcs: tuple[DrivenArc, ...]
     radius: Mapping[str, float]
     remarks: tuple[str, ...]
 
@@ -185,7 +185,7 @@ def _position_error(track: Track, planned: Track, window: tuple[float, float]) -
     return metrics.position_error(p_f, p_d, metrics.path_length(*_within(planned, *window)))
 
 
-def planned_arcs(planned: Track) -> tuple[Arc, ...]:
+def planned_arcs(planned: Track) -> tuple[DrivenArc, ...]:
     """Return the circular parts of a planned track: curvature steady, and at least 20 degrees turned."""
     if planned.yaw is None or not planned.timed:
         return ()
@@ -198,15 +198,15 @@ def planned_arcs(planned: Track) -> tuple[Arc, ...]:
     for first, end in zip(bounds[:-1], bounds[1:], strict=True):
         turned, bend = float(turn[first:end].sum()), curvature[first:end]
         if abs(turned) >= _LEAST_TURN and end - first > 2 and np.ptp(bend) < _STEADY * abs(bend.mean()):
-            arcs.append(Arc(float(planned.t[first]), float(planned.t[end]), turned, {}))
+            arcs.append(DrivenArc(float(planned.t[first]), float(planned.t[end]), turned, {}))
     return tuple(arcs)
 
 
-def _radii(arc: Arc, tracks: Mapping[str, Track]) -> Arc:
+def _radii(arc: DrivenArc, tracks: Mapping[str, Track]) -> DrivenArc:
     radius: dict[str, float] = {}
     for kind, track in tracks.items():
         _try(radius, kind, [], metrics.radius, *_within(track, arc.t_start, arc.t_end))
-    return Arc(arc.t_start, arc.t_end, arc.turn, MappingProxyType(radius))
+    return DrivenArc(arc.t_start, arc.t_end, arc.turn, MappingProxyType(radius))
 
 
 def _within(track: Track, t_start: float, t_end: float) -> tuple[Floats, Floats]:

@@ -56,7 +56,7 @@ MEASURES: dict[str, tuple[str, str]] = {
 """Name → unit and meaning of every measure; NaN where a run has none."""
 
 
-class Arc(NamedTuple):
+class PlannedArc(NamedTuple):
     """Start and end (s) and radius (m) of an arc of a plan."""
 
     start: float
@@ -64,7 +64,7 @@ class Arc(NamedTuple):
     radius: float
 
 
-def measure(result: Rollout, plan: Plan, planned: PlanSample, curves: Sequence[Arc]) -> dict[str, float]:
+def measure(result: Rollout, plan: Plan, planned: PlanSample, curves: Sequence[PlannedArc]) -> dict[str, float]:
     """All measures of a run that reached its end; those it has not are absent.
 
     Parameters
@@ -74,7 +74,7 @@ def measure(result: Rollout, plan: Plan, planned: PlanSample, curves: Sequence[A
         Of the manoeuvre.
     planned : PlanSample
         The plan at the result's times.
-    curves : sequence of Arc
+    curves : sequence of PlannedArc
         The plan's arcs.
     """
     pose, t = result.pose, result.t
@@ -106,7 +106,7 @@ def _energies(total: Array, length: float, articulated: bool) -> dict[str, float
     return found
 
 
-def _radii(pose: Array, t: Array, curves: Sequence[Arc]) -> dict[str, float]:
+def _radii(pose: Array, t: Array, curves: Sequence[PlannedArc]) -> dict[str, float]:
     """Radii of circles through what was driven while arcs were planned."""
     found: dict[str, float] = {}
     ratios = []
@@ -124,14 +124,14 @@ def _radii(pose: Array, t: Array, curves: Sequence[Arc]) -> dict[str, float]:
     return found
 
 
-def arcs(plan: Plan) -> list[Arc]:
+def arcs(plan: Plan) -> list[PlannedArc]:
     """The arcs of a plan, in order."""
     found = []
     for mark in plan.marks:
         if mark.label.endswith(".arc"):
             ends = plan.at(np.array([mark.start, mark.end]))
             turn = abs(float(np.diff(ends.pose[:, 2])[0]))
-            found.append(Arc(mark.start, mark.end, float(np.diff(ends.travelled)[0]) / turn))
+            found.append(PlannedArc(mark.start, mark.end, float(np.diff(ends.travelled)[0]) / turn))
     return found
 
 

@@ -19,7 +19,7 @@ from artibot_sim.model.simulate.commands import as_executed
 from artibot_sim.planning import FrontKinematics, Plan, PlanSample, manoeuvre_from_dict, plan
 from artibot_sim.sweep.axes import Base, Document, Value, manoeuvre_document, robot_with
 from artibot_sim.sweep.folder import Folder, chunk_size, table_bytes
-from artibot_sim.sweep.measures import Arc, arcs, measure, status_of
+from artibot_sim.sweep.measures import PlannedArc, arcs, measure, status_of
 from artibot_sim.sweep.plan import KNOTS, SweepPlan, base_of
 
 # ----------------------------------------------------------------------
@@ -40,7 +40,7 @@ class _Planned:
 
     plan: Plan
     commands: Commands
-    arcs: Sequence[Arc]
+    arcs: Sequence[PlannedArc]
 
 
 @dataclass

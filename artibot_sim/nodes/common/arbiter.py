@@ -28,6 +28,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
 
+from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS
 from artibot_sim.nodes.common.profile import Pair, Profile, Refused
 
@@ -77,6 +78,14 @@ def parse_sources(text: str) -> tuple[CommandSource, ...]:
             f"'{text}': expected auto, none, or some of {', '.join(by_name)} with commas, the ruling one first"
         )
     return tuple(by_name[name] for name in names)
+
+
+def check_sources(text: str) -> None:
+    """Raise an :class:`ArtibotError` that names the parameter where `parse_sources` refuses its value."""
+    try:
+        parse_sources(text)
+    except Refused as reason:
+        raise ArtibotError(f"parameter command_source: {reason}") from reason
 
 
 @dataclass(frozen=True)

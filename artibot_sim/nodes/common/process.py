@@ -121,10 +121,9 @@ def undisturbed(priority: int = 0) -> Iterator[None]:
 
 
 @contextmanager
-def asked_to_end() -> Iterator[list[int]]:
-    """Take SIGINT and SIGTERM as a wish: yields a list that grows by the number of each, for a loop to look at."""
+def asked_to_end(numbers: Sequence[int] = (signal.SIGINT, signal.SIGTERM)) -> Iterator[list[int]]:
+    """Take signals as a wish to end: yields a list that grows by the number of each, for a loop to look at."""
     asked: list[int] = []
-    numbers = (signal.SIGINT, signal.SIGTERM)
     before = {number: signal.signal(number, lambda n, _frame: asked.append(n)) for number in numbers}
     try:
         yield asked

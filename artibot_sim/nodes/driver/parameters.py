@@ -11,9 +11,8 @@ from artibot_driver.master import check_kappa
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.odometry import metres_per_radian
 from artibot_sim.model import Robot, load_robot
-from artibot_sim.nodes.common.arbiter import Rules, parse_sources
+from artibot_sim.nodes.common.arbiter import Rules, check_sources, parse_sources
 from artibot_sim.nodes.common.parameters import declare
-from artibot_sim.nodes.common.profile import Refused
 from artibot_sim.parameters import Value
 from artibot_sim.sharing import Law, load_law
 
@@ -56,10 +55,7 @@ def check(name: str, value: Any, robot: Robot) -> Value:
     if name == LAW.name and (law := law_of(str(checked))) is not None:
         _check_law(robot, law)
     if name == "command_source":
-        try:
-            parse_sources(str(checked))
-        except Refused as reason:
-            raise ArtibotError(f"parameter command_source: {reason}") from reason
+        check_sources(str(checked))
     return checked
 
 

@@ -11,9 +11,8 @@ from artibot_sim import parameters
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.odometry import metres_per_radian
 from artibot_sim.model import Ground, Robot, load_ground
-from artibot_sim.nodes.common.arbiter import Rules, parse_sources
+from artibot_sim.nodes.common.arbiter import Rules, check_sources, parse_sources
 from artibot_sim.nodes.common.parameters import declare as declare_spec
-from artibot_sim.nodes.common.profile import Refused
 from artibot_sim.nodes.sim.engine import StartPose
 from artibot_sim.nodes.sim.sensors import SensorModel
 from artibot_sim.parameters import Spec, Value
@@ -107,10 +106,7 @@ def check(name: str, value: Any) -> Value:
     """A parameter's value in its type; raises :class:`ArtibotError` with the reason when it is refused."""
     checked = SPECS[name].check(value)
     if name == "command_source":
-        try:
-            parse_sources(str(checked))
-        except Refused as reason:
-            raise ArtibotError(f"parameter command_source: {reason}") from reason
+        check_sources(str(checked))
     return checked
 
 
