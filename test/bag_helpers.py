@@ -21,6 +21,13 @@ ODOMETRY = "nav_msgs/msg/Odometry"
 EPOCH = 1_700_000_000_000_000_000
 STEP = 10_000_000
 EMPTY: tuple[float, ...] = ()
+Message = tuple[str, int, int, bytes]
+"""Topic, log time (ns), sequence number and content."""
+
+
+def messages(path: Path) -> list[Message]:
+    """All messages of a bag."""
+    return [(m.channel.topic, m.log_ns, m.sequence, m.data) for m in iter_messages(path)]
 
 
 def foreign(name: str) -> Path:

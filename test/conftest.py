@@ -93,3 +93,12 @@ def ros_context(ros_domain: int) -> Iterator[Context]:
     """An rclpy context in the test's domain: ``Node("probe", context=ros_context)``."""
     with rclpy_context(ros_domain) as context:
         yield context
+
+
+@pytest.fixture(scope="module")
+def channel() -> Iterator[str]:
+    """The channel of a CAN bus for one file's tests (interface ``remote``)."""
+    from artibot_driver.loopback import loopback_bus
+
+    with loopback_bus() as found:
+        yield found

@@ -12,7 +12,6 @@ from frame_master import FrameMaster
 
 from artibot_driver.bus import open_bus
 from artibot_driver.cia402 import DriveState
-from artibot_driver.loopback import loopback_bus
 from artibot_driver.rig import load_rig
 from artibot_sim.cli import main
 from artibot_sim.nodes.drives.loop import drive_config
@@ -26,12 +25,6 @@ def start(tmp_path: Path) -> Iterator[NodeStarter]:
         yield starter
     finally:
         starter.end()
-
-
-@pytest.fixture(scope="module")
-def channel() -> Iterator[str]:
-    with loopback_bus() as channel:
-        yield channel
 
 
 def drives(start: NodeStarter, channel: str, *options: object) -> NodeProcess:

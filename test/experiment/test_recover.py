@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from bag_helpers import mcap_file, small_bag
+from bag_helpers import Message, mcap_file, messages, small_bag
 from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -16,14 +16,8 @@ from rosbags.rosbag2 import Reader
 
 from artibot_sim.cli.recover import command
 from artibot_sim.errors import ArtibotError
-from artibot_sim.experiment import iter_messages, recover
+from artibot_sim.experiment import recover
 from artibot_sim.experiment.writer import BagWriter
-
-Message = tuple[str, int, int, bytes]
-
-
-def messages(path: Path) -> list[Message]:
-    return [(m.channel.topic, m.log_ns, m.sequence, m.data) for m in iter_messages(path)]
 
 
 def check_valid(folder: Path, expected: list[Message]) -> None:

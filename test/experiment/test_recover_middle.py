@@ -7,22 +7,17 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from bag_helpers import EPOCH, STEP, mcap_file, small_bag
+from bag_helpers import EPOCH, STEP, Message, mcap_file, messages, small_bag
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from artibot_sim.experiment import iter_messages, recover
+from artibot_sim.experiment import recover
 from artibot_sim.experiment.recover import DATA_END, HEAD, RecoverReport
 from artibot_sim.experiment.storage import MAGIC
 
-Message = tuple[str, int, int, bytes]
 Span = tuple[int, int]
-
-
-def messages(path: Path) -> list[Message]:
-    return [(m.channel.topic, m.log_ns, m.sequence, m.data) for m in iter_messages(path)]
 
 
 def damaged(draw: Callable[..., object], content: bytes) -> tuple[bytes, Span]:

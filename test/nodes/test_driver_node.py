@@ -29,7 +29,6 @@ from sim_probe import FRONT, METRES, stamp_ns
 from trajectory_msgs.msg import JointTrajectory
 
 from artibot_driver.config import ALL_SPECS, config_from_parameters
-from artibot_driver.loopback import loopback_bus
 from artibot_driver.master import kappa_bounds
 from artibot_driver.pdo import Pdo
 from artibot_driver.rig import load_rig
@@ -45,12 +44,6 @@ NAN = math.nan
 ALL = list(MOTORS)
 STANDS = 5.0
 """Slower than this (rad/s, 0.02 m/s over ground) a flywheel that was switched off may still turn."""
-
-
-@pytest.fixture(scope="module")
-def channel() -> Iterator[str]:
-    with loopback_bus() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

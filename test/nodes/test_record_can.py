@@ -26,7 +26,6 @@ from artibot_driver.config import config_from_parameters
 from artibot_driver.dbc import dbc_text
 from artibot_driver.explain import Explainer
 from artibot_driver.frames import Frame, NmtCommand, nmt
-from artibot_driver.loopback import loopback_bus
 from artibot_driver.rig import Rig, load_rig
 from artibot_sim.experiment import bag_info, recover
 from artibot_sim.experiment.can_frames import CanFrame, iter_frames
@@ -68,12 +67,6 @@ class Ear:
 @pytest.fixture
 def rig() -> Rig:
     return load_rig(config_from_parameters({}))
-
-
-@pytest.fixture(scope="module")
-def channel() -> Iterator[str]:
-    with loopback_bus() as channel:
-        yield channel
 
 
 @contextmanager

@@ -21,9 +21,7 @@ from replay_probe import (
     START_NS,
     Listener,
     counting_bag,
-    input_bag,
     recorded,
-    rover_bag,
     types_of,
 )
 
@@ -42,16 +40,6 @@ TWO = {"/motor_torques": "sensor_msgs/msg/JointState", "/ground_truth/odom": "na
 @pytest.fixture(scope="module")
 def counted(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return counting_bag(tmp_path_factory.mktemp("bags") / "counted")
-
-
-@pytest.fixture(scope="module")
-def rover(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return rover_bag(tmp_path_factory.mktemp("bags") / "rover")
-
-
-@pytest.fixture(scope="module")
-def inputs(tmp_path_factory: pytest.TempPathFactory, rover: Path) -> Path:
-    return input_bag(tmp_path_factory.mktemp("bags") / "inputs", rover)
 
 
 def test_all_messages_in_order_byte_for_byte_at_their_times(

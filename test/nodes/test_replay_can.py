@@ -21,7 +21,6 @@ from replay_probe import Listener, recorded
 from artibot_driver.bus import open_bus
 from artibot_driver.config import config_from_parameters
 from artibot_driver.frames import Frame, NmtCommand, NmtState, heartbeat, nmt
-from artibot_driver.loopback import loopback_bus
 from artibot_driver.rig import load_rig
 from artibot_sim.experiment import BagWriter
 from artibot_sim.experiment.can_frames import CAN_QOS, CanFrame, encode_frame
@@ -75,12 +74,6 @@ def frames(first: int = 0, last: int = CYCLES) -> list[Pair]:
 
 def from_drives(pairs: list[Pair]) -> list[Pair]:
     return [pair for pair in pairs if pair[0] not in COMMANDS and pair[0] != 0x3FF]
-
-
-@pytest.fixture(scope="module")
-def channel() -> Iterator[str]:
-    with loopback_bus() as channel:
-        yield channel
 
 
 @contextmanager

@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
 from bag_helpers import in_namespaces
-from replay_probe import OUTPUTS, Listener, input_bag, recorded, rover_bag, types_of
+from replay_probe import OUTPUTS, Listener, recorded, types_of
 
 from artibot_sim.experiment import read_bag
 from artibot_sim.nodes.common.stamps import stamp_of
@@ -23,16 +23,6 @@ if TYPE_CHECKING:
     from rclpy.context import Context
 
 ODOMETRY = "nav_msgs/msg/Odometry"
-
-
-@pytest.fixture(scope="module")
-def rover(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return rover_bag(tmp_path_factory.mktemp("bags") / "rover")
-
-
-@pytest.fixture(scope="module")
-def inputs(tmp_path_factory: pytest.TempPathFactory, rover: Path) -> Path:
-    return input_bag(tmp_path_factory.mktemp("bags") / "inputs", rover)
 
 
 def decoded(data: bytes, kind: type) -> Any:

@@ -32,12 +32,6 @@ SHARE = 0.5 * AGRIQ.drive.back.tau / AGRIQ.drive.front.tau * (1 / 0.8 - 1)
 """Eq. 30 at kappa 0.8."""
 
 
-@pytest.fixture(scope="module")
-def channel() -> Iterator[str]:
-    with loopback_bus() as channel:
-        yield channel
-
-
 @contextlib.contextmanager
 def mastered(channel: str) -> Iterator[FrameMaster]:
     rig = load_rig(drive_config("agriq", interface="remote", channel=channel))

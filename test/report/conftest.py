@@ -1,10 +1,12 @@
-"""Short simulated recordings that several tests draw."""
+"""Short simulated recordings that several tests draw, and a browser for their pages."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from browser import Browser, browser
 
 from artibot_sim.experiment import Experiment, read_bag, write_experiment
 from artibot_sim.model import Robot, load_robot, rollout
@@ -41,3 +43,9 @@ def run(bags: list[Path]) -> Experiment:
 @pytest.fixture(scope="session")
 def runs(bags: list[Path]) -> list[Experiment]:
     return [read_bag(path) for path in bags]
+
+
+@pytest.fixture(scope="module")
+def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with browser(tmp_path_factory.mktemp("browser") / "profile") as opened:
+        yield opened

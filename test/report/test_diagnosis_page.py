@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import Browser, browser
+from browser import Browser
 from report.diagnosis_case import case
 
 from artibot_sim.cli import main
@@ -48,12 +47,6 @@ def every(named: Diagnosis) -> dict[Verdict, Diagnosis]:
     """A diagnosis of each verdict."""
     found = {verdict: case("slope", SLOPE, verdict) for verdict in (Verdict.AMBIGUOUS, Verdict.UNEXPLAINED)}
     return {Verdict.NAMED: named, **found, Verdict.NONE: case("", {}, Verdict.NONE)}
-
-
-@pytest.fixture(scope="module")
-def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    with browser(tmp_path_factory.mktemp("browser") / "profile") as opened:
-        yield opened
 
 
 def markup(found: Diagnosis) -> str:

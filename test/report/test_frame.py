@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import Browser, browser
+from browser import Browser
 
 from artibot_sim.report import style
 from artibot_sim.report.page import Part, render_frame
@@ -16,12 +15,6 @@ from artibot_sim.report.style import Stroke
 from artibot_sim.report.web import chart
 from artibot_sim.report.windows import Path as Track
 from artibot_sim.report.windows import WindowErrors, side_by_side
-
-
-@pytest.fixture(scope="module")
-def chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    with browser(tmp_path_factory.mktemp("browser") / "profile") as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")
