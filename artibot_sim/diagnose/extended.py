@@ -79,11 +79,10 @@ def robot_of(
     effects: dict[str, dict[str, Any]] = {name: dict(values) for name, values in robot.effects.items()}
     for effect, found in causes.items():
         effects[effect] = {name: entry.value for name, entry in found.items()}
-        for name, entry in found.items():
-            if isinstance(EFFECTS[effect].parameters[name].quantity, Quantity):
-                sources[f"effects.{effect}.{name}"] = f"diagnosed: from {where}"
-                if entry.ci95 is not None:
-                    intervals[f"effects.{effect}.{name}"] = entry.ci95
+        quantities = EFFECTS[effect].parameters
+        measured = {name: one for name, one in found.items() if isinstance(quantities[name].quantity, Quantity)}
+        sources |= {f"effects.{effect}.{name}": f"diagnosed: from {where}" for name in measured}
+        intervals |= {f"effects.{effect}.{name}": one.ci95 for name, one in measured.items() if one.ci95 is not None}
     return replace(robot, effects=effects, sources=sources, intervals=intervals)
 
 

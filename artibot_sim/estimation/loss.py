@@ -22,6 +22,8 @@ FIRM_BEND = 4.0
 """Excess of a window's channel over what noise gives, in standard deviations of that, from which it counts by its
 logarithm in the end. A wheel that all but breaks away, and in the model does, is no evidence for another soil."""
 _LAGS = 60
+_FEWEST = 12
+"""Samples of a window, without which their autocorrelation is not asked for."""
 _UNEXPLAINED = 3.0
 """Power of a window's residuals, in that of the window in the middle, from which they say nothing of the noise."""
 
@@ -111,15 +113,16 @@ def thinning(windows: Sequence[Window], residuals: Sequence[Array]) -> Array:
     """
     factor = np.ones(len(CHANNEL_NAMES))
     for c in range(len(CHANNEL_NAMES)):
-        parts = []
-        for w, r in zip(windows, residuals, strict=True):
-            for kind in np.unique(w.plan.kind[w.channel == c]):
-                part = np.clip(r[w.plan.kind == kind], -4.0, 4.0)
-                if len(part) >= 12:
-                    parts.append(part)
-        if parts:
+        kinds = [(w, r, kind) for w, r in zip(windows, residuals, strict=True) for kind in _kinds(w, c)]
+        parts = [np.clip(r[w.plan.kind == kind], -4.0, 4.0) for w, r, kind in kinds]
+        if parts := [part for part in parts if len(part) >= _FEWEST]:
             factor[c] = _correlation_time(parts)
     return factor
+
+
+def _kinds(window: Window, channel: int) -> Array:
+    """What is sampled of a channel in a window."""
+    return np.unique(window.plan.kind[window.channel == channel])
 
 
 def _correlation_time(parts: Sequence[Array]) -> float:

@@ -249,12 +249,11 @@ def _series(measured: Measured, robot: Robot) -> list[MeasuredSeries]:
         tables[channel] = [measured.torques(pair) for pair in motor_pairs(robot, channel)]
     wanted, found = sampled(robot), []
     for channel, parts in tables.items():
-        names = iter(wanted.get(channel, ()))
-        for t, values in parts:
-            for column, name in zip(values.T, names, strict=False):
-                if len(t):
-                    kind = kind_of("heading" if name == "yaw" and not measured.late_heading else name)
-                    found.append(MeasuredSeries(channel, kind, t, np.ascontiguousarray(column), noise_of(t, column)))
+        columns = [(t, column) for t, values in parts for column in values.T]
+        for (t, column), name in zip(columns, wanted.get(channel, ()), strict=False):
+            if len(t):
+                kind = kind_of("heading" if name == "yaw" and not measured.late_heading else name)
+                found.append(MeasuredSeries(channel, kind, t, np.ascontiguousarray(column), noise_of(t, column)))
     return found
 
 

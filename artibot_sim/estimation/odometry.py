@@ -14,7 +14,7 @@ the errors on other soils compare with what is stated.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from operator import attrgetter
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.turning import placeless, steady_turn, wheel_speeds
-from artibot_sim.model import Robot, load_robot, rollout
+from artibot_sim.model import Robot, Rollout, load_robot, rollout
 from artibot_sim.planning import load_manoeuvre, manoeuvre_names, plan
 from artibot_sim.resources import config_names
 
@@ -306,22 +306,26 @@ def normalised_errors(robot: Robot, every: float = 1.0) -> tuple[Array, Array]:
         stated than there is.
     """
     stated = {f"odometry.{name}_slip": -1.0 for name in ("travel", "turn", "side")}
-    slip, found = Slip.of(stated, robot), ([], [])  # type: Slip, tuple[list[float], list[float]]
+    slip = Slip.of(stated, robot)
+    found: list[list[float]] = [[], []]
     for friction in OTHER_SOILS:
         other = robot.replace({f"contact.{mu}": friction * getattr(robot.contact, mu) for mu in ("mu_s", "mu_d")})
         for name in manoeuvre_names():
             result = rollout(other, plan(load_manoeuvre(name), robot).commands(), kappa=0.8, every=50)
-            both = [
-                Odometry(metres_per_radian(robot), robot.front.i_y, slip, same_ground=same) for same in (False, True)
-            ]
-            n = round(every / float(result.t[1] - result.t[0]))
-            for row, (q, v) in enumerate(zip(result.q, result.v, strict=True)):
-                for odometry, squares in zip(both, found, strict=True):
-                    odometry.update((q[6], q[7]), (v[6], v[7]))
-                    if row and not row % n:
-                        error = np.array(odometry.pose) - q[[0, 1, 5]]
-                        squares.append(float(error @ np.linalg.solve(odometry.pose_covariance, error)))
+            for squares, same in zip(found, (False, True), strict=True):
+                odometry = Odometry(metres_per_radian(robot), robot.front.i_y, slip, same_ground=same)
+                squares += _squared_errors(odometry, result, every)
     return np.array(found[0]), np.array(found[1])
+
+
+def _squared_errors(odometry: Odometry, result: Rollout, every: float) -> Iterator[float]:
+    """Squared errors by their covariance along a run, a value every so many s."""
+    n = round(every / float(result.t[1] - result.t[0]))
+    for row, (q, v) in enumerate(zip(result.q, result.v, strict=True)):
+        odometry.update((q[6], q[7]), (v[6], v[7]))
+        if row and not row % n:
+            error = np.array(odometry.pose) - q[[0, 1, 5]]
+            yield float(error @ np.linalg.solve(odometry.pose_covariance, error))
 
 
 if __name__ == "__main__":

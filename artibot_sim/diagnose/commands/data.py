@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -154,16 +155,13 @@ def _parts(number: int, experiment: Experiment, quantity: str) -> Iterator[_Part
     names = ("position", "velocity", "effort") if quantity == "velocity" else ("", "effort", "")
     which = [i for i in ((0, 1) if quantity == "velocity" else (2, 3)) if f"{MOTORS[i]}.{quantity}" in commands]
     measured = {i: [fresh_column(motors, f"{MOTORS[i]}.{name}") for name in names] for i in which}
-    for t_start, t_end in experiment.segments:
-        for i in which:
-            motor = MOTORS[i]
-            t, speed = commands.between(t_start - 1e-6, t_end + 1e-6).series(f"{motor}.{quantity}")
-            breaks = np.flatnonzero(np.diff(t) > GAP) + 1
-            for part_t, part_speed in zip(np.split(t, breaks), np.split(speed, breaks), strict=True):
-                if len(part_t) < 4 or part_t[-1] - part_t[0] < _SHORT or not part_speed.any():
-                    continue
-                seen = [_between(*one, part_t[0], part_t[-1]) for one in measured[i]]
-                yield _Part(number, i, part_t, part_speed, *seen)
+    for (t_start, t_end), i in product(experiment.segments, which):
+        t, speed = commands.between(t_start - 1e-6, t_end + 1e-6).series(f"{MOTORS[i]}.{quantity}")
+        breaks = np.flatnonzero(np.diff(t) > GAP) + 1
+        for part_t, part_speed in zip(np.split(t, breaks), np.split(speed, breaks), strict=True):
+            if len(part_t) < 4 or part_t[-1] - part_t[0] < _SHORT or not part_speed.any():
+                continue
+            yield _Part(number, i, part_t, part_speed, *(_between(*one, part_t[0], part_t[-1]) for one in measured[i]))
 
 
 def fresh_column(channel: Channel, name: str) -> tuple[Array, Array]:
