@@ -38,13 +38,13 @@ class Hypothesis:
     extension : Extension
     probes : tuple of array, shape (len(extension),)
         Coordinates at which it is tried.
-    among : int
+    alternatives : int
         How many alternatives of the same effect it was chosen from.
     """
 
     extension: Extension
     probes: tuple[Array, ...] = field(default_factory=tuple)
-    among: int = 1
+    alternatives: int = 1
 
     @property
     def id(self) -> str:

@@ -50,7 +50,7 @@ class Trial:
         Standard deviations of the coordinates as sensitivities at neutral give them; infinite where nothing changes.
     tested : tuple of (array of shape (len(extension),), float)
         Coordinates of finite probes, and what each costs over the baseline, soil and mu_s having had their say.
-    promised : float
+    expected_gain : float
         Nats that the effect would gain if all were as linear as it is around the baseline.
     """
 
@@ -59,7 +59,7 @@ class Trial:
     point: Point
     sd: Array
     tested: tuple[tuple[Array, float], ...] = ()
-    promised: float = 0.0
+    expected_gain: float = 0.0
 
     @property
     def id(self) -> str:
@@ -67,7 +67,7 @@ class Trial:
         return self.hypothesis.id
 
     @property
-    def blur(self) -> float:
+    def coarsest_sd(self) -> float:
         """Standard deviation of the coordinates' length as the probe that tells least gives it: size over root of cost.
 
         Infinite where some probe costs nothing, or none was tried.
@@ -112,7 +112,7 @@ class _Score:
         Its coordinates after one step from the baseline; None where neutral is infinitely far.
     sd : array
         Their standard deviations.
-    promised : float
+    expected_gain : float
         As in `Trial`.
     follow : callable or None
         The change of the baseline's free coordinates that goes best with the effect's.
@@ -120,7 +120,7 @@ class _Score:
 
     estimate: Array | None
     sd: Array
-    promised: float
+    expected_gain: float
     follow: Follow | None
 
 
@@ -182,7 +182,7 @@ def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
         points = _resumed(base, problem, points, len(extension))
     ends = [step(problem, base.loss, point, base.free, known=base.sensitivity, tries=2)[0] for point in points]
     best = min(ends, key=lambda point: point.cost)
-    return Trial(hypothesis, problem, best, score.sd, _tested(tests, ends, base.point.cost), score.promised)
+    return Trial(hypothesis, problem, best, score.sd, _tested(tests, ends, base.point.cost), score.expected_gain)
 
 
 def _resumed(base: Around, problem: Problem, points: Sequence[Point], size: int) -> list[Point]:

@@ -139,7 +139,7 @@ def occam(hypothesis: Hypothesis, covariance: Array) -> float:
     correlation = covariance / np.outer(np.sqrt(np.diag(covariance)), np.sqrt(np.diag(covariance)))
     volume = float(np.log(sd / SPREAD).sum()) + 0.5 * float(np.linalg.slogdet(correlation)[1])
     sides = np.log(2.0) * len(covariance) if hypothesis.extension.one_sided else 0.0
-    return min(0.0, volume + sides - float(np.log(hypothesis.among)))
+    return min(0.0, volume + sides - float(np.log(hypothesis.alternatives)))
 
 
 # ----------------------------------------------------------------------

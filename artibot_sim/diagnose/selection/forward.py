@@ -67,7 +67,7 @@ class SearchStage:
         That one.
     nats : mapping of str to float
         Log Bayes factors of the rivals from both views, by effect.
-    whole : frozenset of str
+    by_every_window : frozenset of str
         Effects whose evidence is of all windows; of the others it is of those that were searched.
     known : Known
         The fits that were made on the way.
@@ -83,7 +83,7 @@ class SearchStage:
     fallen: float = 0.0
     base: Around | None = None
     nats: Mapping[str, float] = field(default_factory=dict)
-    whole: frozenset[str] = frozenset()
+    by_every_window: frozenset[str] = frozenset()
     known: FitCache = field(default_factory=FitCache, repr=False, compare=False)
 
     @property

@@ -57,10 +57,10 @@ class Rounds:
         Others go on if they gain this share of what the best one gains.
     returns : int
         Fits from whose soil and starts the baseline is fitted again.
-    hopes : int
+    most_expected : int
         Effects that are fitted although they gain nothing in the screen, for what sensitivities promise.
-    promise : float
-        Nats that they have to promise.
+    least_expected : float
+        Nats that sensitivities have to promise.
     few, many : int
         Steps.
     worth : float
@@ -75,8 +75,8 @@ class Rounds:
     least: tuple[int, int, int] = (3, 2, 2)
     shares: tuple[float, float, float] = (0.04, 0.15, 0.3)
     returns: int = 2
-    hopes: int = 2
-    promise: float = 12.0
+    most_expected: int = 2
+    least_expected: float = 12.0
     few: int = 3
     many: int = 8
     worth: float = 12.0
@@ -103,7 +103,7 @@ class Rounds:
     def for_all(self, count: int) -> Rounds:
         """Rounds of a search in which all of `count` trials may be fitted, and all but hopeless ones to the end."""
         most, shares = (*self.most[:2], count), (*self.shares[:2], _HOPELESS)
-        return replace(self, hopes=count, promise=-np.inf, most=most, shares=shares)
+        return replace(self, most_expected=count, least_expected=-np.inf, most=most, shares=shares)
 
 
 @dataclass(frozen=True)
@@ -241,8 +241,8 @@ def _through(trials: Sequence[Trial], number: int, baseline: float, rounds: Roun
 def _promising(trials: Sequence[Trial], worthy: Sequence[Trial], rounds: Rounds) -> list[Trial]:
     """Those of the others that would gain most if all were linear: starts on other branches of eq. 16 hide a gain."""
     gaining = {trial.id for trial in worthy}
-    others = [trial for trial in trials if trial.id not in gaining and trial.promised > rounds.promise]
-    return _one_each(sorted(others, key=lambda trial: -trial.promised))[: rounds.hopes]
+    others = [trial for trial in trials if trial.id not in gaining and trial.expected_gain > rounds.least_expected]
+    return _one_each(sorted(others, key=lambda trial: -trial.expected_gain))[: rounds.most_expected]
 
 
 def _one_each(trials: Sequence[Trial]) -> list[Trial]:

@@ -51,7 +51,7 @@ def excluded(trials: Sequence[Trial], least: float, thresholds: Thresholds) -> d
     found: dict[str, float] = {}
     for trial in trials:
         extension = trial.hypothesis.extension
-        sd = float(max(np.max(trial.sd), trial.blur))
+        sd = float(max(np.max(trial.sd), trial.coarsest_sd))
         if not np.isfinite(sd) or extension.search.reference:
             return {}
         reach = _reach(sd, len(extension), least + thresholds.more(trial.id), thresholds)
@@ -128,7 +128,7 @@ def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]
             first = effect in stages[0].evidence and effect not in decision.dropped
             at = stages[0] if first or not tried else tried[-1]
         own = _candidate(effect, at)
-        if effect not in at.whole and any(trial.id == effect for trial in at.trials):
+        if effect not in at.by_every_window and any(trial.id == effect for trial in at.trials):
             own = replace(own, windows=decision.searched)
         if effect not in named:
             trials = [trial for trial in at.trials if trial.id == effect]

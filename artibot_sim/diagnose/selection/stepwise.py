@@ -287,11 +287,11 @@ class Naming:
         ))  # fmt: skip
         if stated is None:
             return best
-        evidence, whole = stated
-        self._whole.append((found.fit, whole))
+        evidence, by_every_window = stated
+        self._whole.append((found.fit, by_every_window))
         both = {**found.evidence, **{rival.id: one for rival, one in zip(rivals, evidence, strict=True)}}
-        seen = found.whole.union(rival.id for rival in rivals)
-        self._stages[-1] = found = self._weighed(replace(found, evidence=both, whole=seen))
+        seen = found.by_every_window.union(rival.id for rival in rivals)
+        self._stages[-1] = found = self._weighed(replace(found, evidence=both, by_every_window=seen))
         least, thresholds = options.least, options.thresholds
         return best_of(found.evidence, found.nats, self._from_commands, least, thresholds, self._out, found.tried)
 
@@ -445,7 +445,7 @@ class Naming:
 
     def _of_all_windows(self, every: EveryWindow, problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
         """A model fitted to all windows, unless that was done for the evidence of effects beside it."""
-        known = (whole for part, whole in self._whole if part is fit)
+        known = (by_every_window for part, by_every_window in self._whole if part is fit)
         return next(known, None) or every.carried(problem, fit, self._rounds.many)
 
     def decision(self) -> Decision:

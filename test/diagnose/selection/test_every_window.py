@@ -53,7 +53,9 @@ def test_what_half_of_the_windows_are_too_few_for_is_named_by_all(monkeypatch: p
     easy = replace(asked, thresholds=replace(asked.thresholds, floor=0.5 * by_part))
     near = replace(easy, thresholds=replace(easy.thresholds, tie=1e6))
     first = stepwise.decide(part, fit, near, Timetable(), view, every).stages[0]
-    assert all_of_them.stages[0].whole < first.whole == {rival.id for rival in first.rivals}, "what is near may tie"
+    assert all_of_them.stages[0].by_every_window < first.by_every_window == {rival.id for rival in first.rivals}, (
+        "what is near may tie"
+    )
     anyway = stepwise.decide(part, fit, easy, Timetable(), view, every)
     assert [(one.effect, one.nats) for one in anyway.named] == [("joint_damping", all_of_them.named[0].nats)]
     assert len(all_of_them.problem) == len(all_of_them.neutral_problem) == len(whole.problem)

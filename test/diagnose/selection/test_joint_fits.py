@@ -38,25 +38,25 @@ FAR = np.full(4, 2.0)
 
 @pytest.mark.long
 def test_what_sensitivities_promise_is_fitted_though_other_branches_hide_it() -> None:
-    """As after probes that all threw windows off their branch: of the softened ground only a promise is left."""
+    """As after probes that all threw windows off their branch: of the softened ground only a least_expected is left."""
     robot = load_robot("agriq")
     problem, fit = baseline(case(("soil_softening",), 0.3, 212777215).recordings, robot, Options())
     base, control = converged_baseline(problem, fit.loss, fit.point, Rounds().few)
     softening = [one for one in hypotheses(robot, problem.stretches) if one.id == "soil_softening"]
     (trial,) = screen(base, softening)
-    assert trial.promised > 100.0
+    assert trial.expected_gain > 100.0
     begin = np.append(base.point.coordinates, 0.0)
     neutral = evaluate(trial.problem, fit.loss, [begin], base.point.starts)[0]
     hidden = replace(trial, point=neutral)
     assert hidden.point.cost >= control.cost
     (rival,) = contest([hidden], control.cost, fit.loss, Rounds())
     assert 0.5 * (control.cost - rival.fit.point.cost) > 300.0
-    assert not contest([hidden], control.cost, fit.loss, Rounds(hopes=0))
+    assert not contest([hidden], control.cost, fit.loss, Rounds(most_expected=0))
 
 
 @pytest.mark.long
 def test_where_all_are_fitted_a_screen_that_was_misled_costs_no_effect() -> None:
-    """A probe so far out that the effect looks worse than none, and sensitivities that promise nothing."""
+    """A probe so far out that the effect looks worse than none, and sensitivities that least_expected nothing."""
     robot, truth = load_robot("agriq"), {"grade": 0.05, "heading": 1.0}
     real = replace(robot, effects={"slope": truth})
     problem = problem_of([synthetic(real, TURNS, kappa=0.8, seed=4)], parameter_set(robot), 5.0, 2)
@@ -64,7 +64,7 @@ def test_where_all_are_fitted_a_screen_that_was_misled_costs_no_effect() -> None
     base, control = converged_baseline(problem, EVEN, point, Rounds().few)
     (trial,) = screen(base, [one for one in hypotheses(robot, problem.stretches) if one.id == "slope"])
     far = np.append(base.point.coordinates, 4.0 * trial.effect_coordinates)
-    misled = replace(trial, point=evaluate(trial.problem, EVEN, [far], base.point.starts)[0], promised=0.0)
+    misled = replace(trial, point=evaluate(trial.problem, EVEN, [far], base.point.starts)[0], expected_gain=0.0)
     assert misled.point.cost > control.cost
     assert not contest([misled], control.cost, EVEN, Rounds())
     known = FitCache()
