@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections import namedtuple
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import Any
 
@@ -79,27 +78,6 @@ _NAMES: tuple[str, ...] = RECORD_DTYPE.names or ()
 Effects: Any = namedtuple("Effects", _NAMES)  # type: ignore[misc]  # as above
 Numbers = SimpleNamespace(**{name: _numbers(name) for name in _NAMES[1:]})
 """Of all versions of a loop the same: the pieces that read them are then compiled once."""
-
-
-def reader(lanes: int, asked: frozenset[str]) -> Callable[..., Any]:
-    """A function that puts together from a block what `effects.record` would be for one lane.
-
-    Named tuples of what hooks read: the compiler leaves out all that they do not, and all that comes of effects which
-    are neutral here because they act in places of other kinds than `asked`. It is written out because compiled code
-    cannot go through names.
-    """
-    known: dict[str, Any] = {"inf": math.inf, "Effects": Effects}
-    place, entries = 1, ["t"]
-    for name in _NAMES[1:]:
-        parameters = EFFECTS[name].parameters
-        known[f"_{name}"] = getattr(Numbers, name)
-        numbers = [f"S[at + {(place + k) * lanes}]" for k in range(len(parameters))]
-        if not _kinds(EFFECTS[name]) <= asked:
-            numbers = [repr(parameter.number(parameter.neutral)) for parameter in parameters.values()]
-        entries.append(f"_{name}({', '.join(numbers)})")
-        place += len(parameters)
-    exec(f"def lane_effects(S, at, t):\n    return Effects({', '.join(entries)})\n", known)
-    return inlined(known["lane_effects"])
 
 
 # ----------------------------------------------------------------------
@@ -182,9 +160,46 @@ def _line_up_stack(typing_context: Any) -> Any:
 line_up_stack: Any = intrinsic(_line_up_stack)
 
 
-_read_1, _read_2, _read_3, _read_4, _read_5, _read_6, _read_7, _read_8, _read_9, _read_10, _read_11 = (
-    reader(LANES, asked) for asked in VERSIONS
-)
+_NUMBERS = {
+    name: types.NamedUniTuple(types.float64, len(EFFECTS[name].parameters), getattr(Numbers, name))
+    for name in _NAMES[1:]
+}
+_EFFECTS = types.NamedTuple((types.float64, *_NUMBERS.values()), Effects)
+
+
+def _lane_effects(typing_context: Any, fx: Any, S: Any, at: Any, t: Any) -> Any:
+    """What `effects.record` would be for the lane whose effects begin at `at`, as named tuples that hooks read.
+
+    The compiler leaves out all that they do not read, and all that comes of effects which are neutral here because they
+    act in places of other kinds than the version of `fx` asks. Compiled code cannot go through names, so it is put
+    together where it is compiled.
+    """
+    asked = VERSIONS[len(fx) - 1]
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        _, block, first, now = arguments
+        begin = context.make_array(S)(context, builder, block).data
+
+        def number(place: int) -> Any:
+            index = builder.add(first, context.get_constant(types.intp, place * LANES))
+            return builder.load(builder.gep(begin, [index]))
+
+        values, place = [now], 1
+        for name, kind in _NUMBERS.items():
+            parameters = EFFECTS[name].parameters.values()
+            if _kinds(EFFECTS[name]) <= asked:
+                numbers = [number(place + k) for k in range(len(parameters))]
+            else:
+                neutral = (parameter.number(parameter.neutral) for parameter in parameters)
+                numbers = [context.get_constant(types.float64, value) for value in neutral]
+            values.append(context.make_tuple(builder, kind, numbers))
+            place += len(parameters)
+        return context.make_tuple(builder, _EFFECTS, values)
+
+    return _EFFECTS(fx, S, types.intp, types.float64), generate
+
+
+lane_effects: Any = intrinsic(_lane_effects)
 
 
 @inlined
@@ -192,27 +207,7 @@ def effects_at(S, fx, e, t):
     """With effects: those of a lane at `t` (s) since its start."""
     if fx is not None:
         at = AT.EFFECTS + e
-        if len(fx) == 1:
-            return _read_1(S, at, S[at] + t)
-        if len(fx) == 2:
-            return _read_2(S, at, S[at] + t)
-        if len(fx) == 3:
-            return _read_3(S, at, S[at] + t)
-        if len(fx) == 4:
-            return _read_4(S, at, S[at] + t)
-        if len(fx) == 5:
-            return _read_5(S, at, S[at] + t)
-        if len(fx) == 6:
-            return _read_6(S, at, S[at] + t)
-        if len(fx) == 7:
-            return _read_7(S, at, S[at] + t)
-        if len(fx) == 8:
-            return _read_8(S, at, S[at] + t)
-        if len(fx) == 9:
-            return _read_9(S, at, S[at] + t)
-        if len(fx) == 10:
-            return _read_10(S, at, S[at] + t)
-        return _read_11(S, at, S[at] + t)
+        return lane_effects(fx, S, at, S[at] + t)
     return None
 
 
