@@ -28,6 +28,8 @@ _TEST = 0.5
 """Coordinate at which effects are tried that need no probes: what it costs says how well they are determined."""
 _FAINT, _PLAIN = 0.3, 0.6
 """Share of a probe at which it is tried as well where all of an effect's probes are at least this plain."""
+_MORE = 3
+"""Steps at most of a probe that is not at rest."""
 _RESTS = 4
 """Fits at most of a baseline that is not at rest."""
 _QUIET = 24.0
@@ -156,7 +158,7 @@ def _control(base: Around) -> Point:
 
 
 def screen(base: Around, found: Sequence[Hypothesis], tick: Callable[[], None] = lambda: None) -> list[Trial]:
-    """Every hypothesis at the best of its probes, soil and starts corrected by one step with known sensitivities."""
+    """Every hypothesis at the best of its probes, soil and starts corrected by a few steps."""
     return side_by_side(partial(_screened, base), found, base.problem.workers, tick)
 
 
@@ -180,9 +182,23 @@ def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
     points = [coarse_to_fine_scan(problem, base.loss, point) for point in points]
     if extension.effect.sensor is not None:
         points = _resumed(base, problem, points, len(extension))
-    ends = [step(problem, base.loss, point, base.free, known=base.sensitivity, tries=2)[0] for point in points]
+    ends = [_settled(base, problem, point) for point in points]
     best = min(ends, key=lambda point: point.cost)
     return Trial(hypothesis, problem, best, score.sd, _tested(tests, ends, base.point.cost), score.expected_gain)
+
+
+def _settled(base: Around, problem: Problem, point: Point) -> Point:
+    """A probe with soil and starts as one step with the baseline's sensitivities leaves them, or more with its own.
+
+    Soil beside a law that is not linear may be far off: steps go on while one more that falls as far as the last one
+    would reach the baseline's loss.
+    """
+    before, point = point, step(problem, base.loss, point, base.free, known=base.sensitivity, tries=2)[0]
+    for _ in range(_MORE):
+        if before.cost - point.cost < max(_QUIET, point.cost - base.point.cost):
+            break
+        before, point = point, step(problem, base.loss, point, base.free, tries=2)[0]
+    return point
 
 
 def _resumed(base: Around, problem: Problem, points: Sequence[Point], size: int) -> list[Point]:

@@ -13,10 +13,11 @@ from artibot_sim.diagnose.candidates.patches import discs
 from artibot_sim.diagnose.candidates.screening import Around, around, converged_baseline, screen
 from artibot_sim.diagnose.sizes import sized
 from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import converge
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.run import problem_of
-from artibot_sim.identify.synthetic import synthetic
+from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
 from artibot_sim.identify.validation import fitted_starts
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Stop
@@ -103,6 +104,24 @@ def test_a_soil_that_took_an_effect_for_its_own_gives_it_back() -> None:
     found = gains(around(problem, EVEN, point), ("rolling_resistance_speed", "slope", "motor_drag"))
     best = max(found, key=lambda label: found[label])
     assert best == "rolling_resistance_speed" and found[best] > LEAST
+
+
+def test_probes_gain_what_fits_beside_them_gain_though_the_law_is_not_linear() -> None:
+    """Tyres that wind up were taken for soft ground: beside each probe the ground is another one."""
+    soil = {"contact.k_l": 480.0, "contact.k_t": 480.0, "contact.mu_s": 0.4, "contact.mu_d": 0.35}
+    husky = load_robot("husky_driven").replace(soil)
+    real = replace(husky, effects={"wheel_windup": {"way": 0.02}})
+    run = synthetic(real, random_manoeuvre(np.random.default_rng(3), 60.0), duration=60.0, kappa=1.0, seed=4)
+    problem = problem_of([run], parameter_set(husky), 2.0, 2)
+    soft = converge(problem, fitted_starts(problem, 2), EVEN, 12).point
+    seen, _ = converged_baseline(problem, EVEN, soft, 2)
+    (trial,) = screen(seen, [h for h in hypotheses(husky, problem.stretches) if h.id == "wheel_windup"])
+    for probe, cost in trial.tested:
+        windup = trial.hypothesis.extension.values(probe)
+        held = problem_of([run], parameter_set(replace(husky, effects={"wheel_windup": windup})), 2.0, 2)
+        (start,) = evaluate(held, EVEN, [seen.point.coordinates], seen.point.starts)
+        best = converge(held, start, EVEN, 12).point
+        assert -cost > 0.75 * (seen.point.cost - best.cost) > LEAST, windup
 
 
 def test_what_nothing_measures_is_not_tried_and_steps_of_the_baseline_are_nobody_s_gain() -> None:
