@@ -11,10 +11,13 @@ import time
 from pathlib import Path
 
 import pytest
+from diagnose.hidden.calibrate import promises, surplus
 from diagnose.hidden.jobs import RIGID, Job, jobs
 from diagnose.hidden.journal import Journal, read_results
 from diagnose.hidden.logged import RECIPES, VARYING
 
+from artibot_sim.diagnose.policy import THRESHOLDS
+from artibot_sim.diagnose.selection.evidence import DECADE
 from artibot_sim.errors import ArtibotError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -91,6 +94,31 @@ def test_a_line_that_was_cut_off_is_done_again(tmp_path):
     assert [result["key"] for result in read_results(path)] == ["a", "c"]
 
 
+def test_a_case_is_another_one_where_more_false_alarms_are_asked_for():
+    usual, more = (jobs(3, {"none": 1}, (1.0,), 1.0, false_alarms=rate)[0] for rate in (0.01, 0.2))
+    assert usual == jobs(3, {"none": 1}, (1.0,), 1.0)[0]
+    assert usual.key != more.key and usual.seed == more.seed
+
+
+def test_false_alarms_are_counted_by_what_is_asked_of_effects():
+    """What is too near to neutral or too small is no false alarm however much it gains, nor what scatters as much."""
+
+    def case_with(nats: float, **seen: float) -> dict[str, object]:
+        ranking = [{"effect": "slope", "log10_bayes_factor": nats / DECADE, "fitted": True}]
+        search = {"slope": {"nats": nats, "scatter": 0.0, "deviations": 9.0, "size": 0.5, **seen}}
+        answer = {"ranking": ranking, "first_search": search, "causes": [], "verdict": "none"}
+        truth = {"effects": {}, "unlisted": {}}
+        return {"key": "", "job": {"robot": "agriq", "false_alarms": 0.2}, "truth": truth, "answer": answer}
+
+    enough = THRESHOLDS.least(1.0, 0.2) + 1.0
+    cases = [case_with(enough), case_with(enough, size=0.01), case_with(enough, deviations=1.0)]
+    cases.append(case_with(enough, scatter=10.0))
+    assert [bool(surplus(each)) for each in cases] == [True, False, False, True]
+    assert surplus(cases[3])["slope"] == pytest.approx(enough - 20.0)
+    said = "\n".join(promises(cases))
+    assert "0.2 asked" in said and "first search 1 of 4" in said and "named 0 of 4" in said
+
+
 def test_two_campaigns_do_not_share_a_journal(tmp_path):
     with Journal(tmp_path / "cases.jsonl"), pytest.raises(ArtibotError, match="another campaign"):
         Journal(tmp_path / "cases.jsonl")
@@ -109,6 +137,6 @@ def test_rigid_robots_have_kinds_of_their_own():
     assert {job.effects for job in found if job.kind == "varying"} == {(VARYING,)}
     assert {job.effects[1:] for job in found if job.kind == "beside"} == {(VARYING,)}
     assert {job.effects for job in found if job.kind == "single"} == {(name,) for name in RECIPES}
-    for kind, robot in (("pair", "husky_driven"), ("varying", "agriq")):
+    for kind, robot in (("pair", "husky_driven"), ("varying", "agriq"), ("single", "train3")):
         with pytest.raises(ArtibotError, match=f"no '{kind}' of {robot}"):
             jobs(1, {kind: 1}, (1.0,), 1.0, robot=robot)

@@ -20,6 +20,7 @@ from diagnose.hidden.table import failures, picture, table
 from diagnose.hidden.work import WAYS, do
 
 from artibot_sim.cluster import map_tasks
+from artibot_sim.diagnose.policy import FALSE_ALARM_RATE
 from artibot_sim.errors import ArtibotError
 from artibot_sim.progress import Bar
 
@@ -50,7 +51,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         severities = tuple(float(part) for part in options.severity.split(","))
         counts = counts_of(options.kinds or ",".join(kinds_of(options.robot)), options.cases)
-        todo = jobs(options.seed, counts, severities, options.noise, options.runs, options.duration, options.robot)
+        todo = jobs(
+            options.seed, counts, severities, options.noise, options.runs, options.duration, options.robot,
+            options.false_alarms,
+        )  # fmt: skip
         with Journal(folder / "cases.jsonl") as journal:
             _carry_out(todo, journal, options)
             wanted = {job.key for job in todo}
@@ -93,6 +97,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--runs", type=int, default=3, help="recordings to diagnose, one more is held out [3]")
     parser.add_argument("--duration", type=float, default=45.0, help="of each, s [45]")
     parser.add_argument("--robot", default="agriq", help="name or file of a robot [agriq]")
+    parser.add_argument(
+        "--false-alarms", type=float, default=float(FALSE_ALARM_RATE),
+        help=f"share of them that diagnoses are asked for [{float(FALSE_ALARM_RATE):g}]",
+    )  # fmt: skip
     parser.add_argument("--kinds", help="which [all of the robot's], each with its number or not: none:300,single")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes [all cores]")
     parser.add_argument(

@@ -18,10 +18,14 @@ from diagnose.hidden.unlisted import LAWS, ON_COMMANDS, UNLISTED
 
 from artibot_sim.diagnose.records import HORIZON
 from artibot_sim.diagnose.sizes import factors, scale_of
+from artibot_sim.errors import ArtibotError
+from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.columns import find_segments, measured_stamps
 from artibot_sim.experiment.rollout_bag import write_channels
 from artibot_sim.experiment.topics import BY_KEY
+from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
+from artibot_sim.identify.synthetic import random_soil as synthetic_soil
 from artibot_sim.model import Robot, load_robot
 
 START_NS = 1_000_000_000
@@ -136,9 +140,12 @@ def case(
         Instead of a random one.
     robot : str
         A rigid one is recorded as :mod:`diagnose.hidden.logged` has it: noise, manoeuvres and soil are drawn there.
+        One of more than two modules is driven by the model itself, for the rover here has two.
     """
     if not load_robot(robot).articulated:
         return _logged(effects, severity, seed, runs, held_out, duration, robot)
+    if load_robot(robot).trailing:
+        return _train(effects, severity, seed, runs, held_out, duration, robot)
     drives, put_in, soil = driven(effects, severity, seed, runs + held_out, duration, manoeuvres, soil, robot)
     noise = (noise or Noise()).of(load_robot(robot))
     rng = np.random.default_rng([seed, 2])
@@ -167,6 +174,27 @@ def _logged(
     varies = logged.VARYING in effects
     truth = Truth(put_in, {}, {}, {}, soil, severity, seed, ("random speeds",) * len(names), varies)
     return Case(tuple(found[:runs]), tuple(found[runs:]), truth, robot, logged.HORIZON)
+
+
+def _train(
+    effects: Sequence[str], severity: float, seed: int, runs: int, held_out: int, duration: float, robot: str
+) -> Case:
+    """Recordings of a robot of more than two modules with nothing hidden."""
+    if effects:
+        raise ArtibotError(f"{robot}: nothing can be hidden in a robot of more than two modules; found {effects}")
+    rng = np.random.default_rng([seed, 0])
+    real = synthetic_soil(load_robot(robot), rng)
+    found = [
+        synthetic(
+            real, random_manoeuvre(rng, duration), duration=duration, kappa=float(rng.uniform(0.62, 1.0)),
+            seed=int(rng.integers(2**31)), start=(*rng.uniform(-1.5, 1.5, 2), rng.uniform(-np.pi, np.pi)),
+            name=f"run{i}",
+        )
+        for i in range(runs + held_out)
+    ]  # fmt: skip
+    soil = {name: float(getattr(real.contact, name)) for name in SOIL}
+    truth = Truth({}, {}, {}, {}, soil, severity, seed, ("random",) * len(found))
+    return Case(tuple(found[:runs]), tuple(found[runs:]), truth, robot)
 
 
 def recipe(name: str) -> Recipe:

@@ -11,6 +11,7 @@ from diagnose.hidden.effects import ADDED, LISTED
 from diagnose.hidden.ground import OTHER_GROUND
 from diagnose.hidden.unlisted import LAWS, ON_COMMANDS, UNLISTED
 
+from artibot_sim.diagnose.policy import FALSE_ALARM_RATE
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
 
@@ -20,6 +21,8 @@ KINDS = (
 """The order is part of the cases' seeds. The last two, of rigid robots: the soil varies, and an effect beside that."""
 RIGID = ("none", "single", "varying", "beside")
 """Kinds that there are of rigid robots."""
+TRAIN = ("none",)
+"""Kinds that there are of robots of more than two modules, which only the model itself can drive."""
 
 
 class Job(NamedTuple):
@@ -41,6 +44,8 @@ class Job(NamedTuple):
         Of each, s.
     robot : str
         Name or file.
+    false_alarms : float
+        Share that the diagnosis is asked for.
     """
 
     kind: str
@@ -52,13 +57,15 @@ class Job(NamedTuple):
     runs: int = 3
     duration: float = 45.0
     robot: str = "agriq"
+    false_alarms: float = float(FALSE_ALARM_RATE)
 
     @property
     def key(self) -> str:
         """What tells it from every other job."""
         what = f"{self.kind} {self.number} {'+'.join(self.effects)} {self.severity:g} {self.noise:g} {self.seed}"
         of = "" if self.robot == "agriq" else f" {self.robot}"
-        return f"{what} {self.runs}x{self.duration:g}{of}"
+        rate = "" if self.false_alarms == FALSE_ALARM_RATE else f" at {self.false_alarms:g}"
+        return f"{what} {self.runs}x{self.duration:g}{of}{rate}"
 
     @classmethod
     def from_dict(cls, found: Mapping[str, Any]) -> Job:
@@ -68,8 +75,11 @@ class Job(NamedTuple):
 
 def kinds_of(robot: str) -> tuple[str, ...]:
     """Kinds of cases that there are of a robot."""
-    if not load_robot(robot).articulated:
+    numbers = load_robot(robot)
+    if not numbers.articulated:
         return RIGID
+    if numbers.trailing:
+        return TRAIN
     return tuple(kind for kind in KINDS if kind not in ("varying", "beside"))
 
 
@@ -81,6 +91,7 @@ def jobs(
     runs: int = 3,
     duration: float = 45.0,
     robot: str = "agriq",
+    false_alarms: float = float(FALSE_ALARM_RATE),
 ) -> list[Job]:
     """All jobs of a campaign, kinds taking turns, so that what is done early is a fair part of the whole.
 
@@ -100,7 +111,10 @@ def jobs(
         at = (0.0,) if kind == "none" else severities
         for severity in at:
             for number, effects in zip(range(count), _effects(kind, seed, rigid), strict=False):
-                job = Job(kind, number, effects, severity, noise, _case_seed(seed, kind, number), runs, duration, robot)
+                job = Job(
+                    kind, number, effects, severity, noise, _case_seed(seed, kind, number), runs, duration, robot,
+                    false_alarms,
+                )  # fmt: skip
                 found.append(((number + 0.5) / count, job))
     return [job for _, job in sorted(found, key=lambda each: each[0])]
 

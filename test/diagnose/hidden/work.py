@@ -8,11 +8,22 @@ import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, TypeVar
 
+import numpy as np
 from diagnose.hidden.cases import Case, case, write
 from diagnose.hidden.jobs import Job
 from diagnose.hidden.sensors import Noise
+
+from artibot_sim.checkpoints import Checkpoints
+from artibot_sim.diagnose import Options, diagnose
+from artibot_sim.diagnose.policy import FALSE_ALARM_RATE
+from artibot_sim.diagnose.selection.evidence import Evidence
+from artibot_sim.diagnose.selection.forward import Stage
+from artibot_sim.model import load_robot
+
+Part = TypeVar("Part")
 
 KEPT = (
     "verdict",
@@ -26,27 +37,49 @@ KEPT = (
     "threshold",
     "soils",
     "left",
+    "first_search",
 )
 """What of an answer goes into the journal."""
 
-Diagnose = Callable[[Case], Mapping[str, Any]]
-"""From a case, of which it may look at the recordings alone, to `Diagnosis.as_dict()`."""
+Diagnose = Callable[[Case, float], Mapping[str, Any]]
+"""From a case, of which it may look at the recordings alone, and a share of false alarms to `Diagnosis.as_dict()`."""
 
 
-def in_memory(found: Case) -> dict[str, Any]:
+class FirstSearch(Checkpoints):
+    """Keeps nothing, but remembers what the first search for an effect found."""
+
+    evidence: Mapping[str, Evidence] = MappingProxyType({})
+
+    def once(self, name: str, make: Callable[[], Part]) -> Part:
+        """The part, made."""
+        part = super().once(name, make)
+        if name == "judged beside nothing" and isinstance(part, Stage):
+            self.evidence = part.evidence
+        return part
+
+    def as_dict(self) -> dict[str, dict[str, float]]:
+        """By effect what decides whether it is named."""
+        return {
+            name: {
+                "nats": one.nats, "scatter": one.chance, "deviations": one.deviations,
+                "size": float(np.abs(one.own).max()),
+            }
+            for name, one in self.evidence.items()
+        }  # fmt: skip
+
+
+def in_memory(found: Case, false_alarms: float = float(FALSE_ALARM_RATE)) -> dict[str, Any]:
     """The diagnosis as a library, in this process, on one core."""
-    from artibot_sim.diagnose import Options, diagnose
-    from artibot_sim.model import load_robot
-
-    options = Options(horizon=found.horizon, seed=0, workers=1)
+    parts = FirstSearch()
+    options = Options(horizon=found.horizon, seed=0, workers=1, false_alarm_rate=false_alarms, parts=parts)
     answer = diagnose(found.recordings, load_robot(found.robot), holdout=found.holdout, options=options)
     soils = {
         name: vars(robot.contact) for name, robot in (("before", answer.baseline_robot), ("after", answer.extended))
     }
-    return {**answer.as_dict(), "soils": soils}
+    return {**answer.as_dict(), "soils": soils, "first_search": parts.as_dict()}
 
 
-def command_line(found: Case) -> dict[str, Any]:
+def command_line(found: Case, false_alarms: float = float(FALSE_ALARM_RATE)) -> dict[str, Any]:
     """`artibot diagnose` on real bags."""
     import json
     import subprocess
@@ -68,6 +101,8 @@ def command_line(found: Case) -> dict[str, Any]:
             found.robot,
             "--horizon",
             str(found.horizon),
+            "--false-alarms",
+            str(false_alarms),
             "--out",
             str(out),
         ]
@@ -77,7 +112,7 @@ def command_line(found: Case) -> dict[str, Any]:
         return json.loads((out / "diagnosis.json").read_text())
 
 
-def silent(found: Case) -> dict[str, Any]:
+def silent(found: Case, false_alarms: float = float(FALSE_ALARM_RATE)) -> dict[str, Any]:
     """Says that nothing is wrong, whatever it is shown: what every other way has to beat."""
     return {
         "verdict": "none",
@@ -97,7 +132,6 @@ def reference(found: Case) -> dict[str, dict[str, float]]:
     would err by as much.
     """
     from artibot_sim.identify.validation import hold_out
-    from artibot_sim.model import load_robot
 
     truth = found.truth
     robot = load_robot(found.robot).replace({f"contact.{name}": value for name, value in truth.soil.items()})
@@ -127,7 +161,7 @@ def do(job: Job, way: str = "memory") -> dict[str, Any]:
     result: dict[str, Any] = {"key": job.key, "job": job._asdict(), "truth": asdict(found.truth)}
     began = time.monotonic()
     try:
-        answer = WAYS[way](found)
+        answer = WAYS[way](found, job.false_alarms)
     except Exception as error:  # noqa: BLE001 - whatever it is, the campaign goes on
         return result | {"error": f"{type(error).__name__}: {error}", "trace": traceback.format_exc()[-3000:]}
     seconds = time.monotonic() - began
