@@ -12,7 +12,9 @@ from diagnose.hidden.effects import MOTORS
 from diagnose.hidden.logged import VARYING
 from diagnose.hidden.unlisted import LAWS
 
+from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment import Experiment, read_bag
+from artibot_sim.model import load_robot
 from artibot_sim.model.effects import EFFECTS
 
 SHORT = {"runs": 1, "held_out": 1, "duration": 10.0}
@@ -165,6 +167,17 @@ def test_only_the_second_recording_is_on_another_soil():
     assert same == [True, False, True]
 
 
+def test_a_train_has_all_its_joints_and_nothing_hidden():
+    """The rover that makes the other recordings has two modules: one of three would be another robot than its file."""
+    short = {"seed": 3, "runs": 1, "held_out": 0, "duration": 8.0, "robot": "train3"}
+    found = case(**short)
+    joints = set(found.recordings[0].channels["joint_states"].columns)
+    assert joints == {f"{name}.position" for name in load_robot("train3").articulation_joints[::2]} and len(joints) == 2
+    assert not found.truth.effects and not found.truth.idle
+    with pytest.raises(ArtibotError, match="more than two modules"):
+        case(("slope",), **short)
+
+
 def test_a_rigid_robot_is_seen_by_poses_and_wheel_speeds_alone():
     """What is put in changes poses and nothing else; varying ground does, too, and is no effect."""
     short = {"seed": 3, "runs": 1, "held_out": 0, "duration": 8.0, "robot": "husky_driven"}
@@ -173,6 +186,8 @@ def test_a_rigid_robot_is_seen_by_poses_and_wheel_speeds_alone():
     assert varying.truth.varies and not clean.truth.varies and clean.horizon == 2.0
     (first,) = clean.recordings
     assert set(first.channels) == {"motor_torques", "ground_truth_odom"}
+    still = case(("stiction",), severity=0.01, **short).truth
+    assert not still.effects and set(still.idle) == {"stiction"} and arm.truth.nats["pose_lever_arm"] > 100.0
     for other in (varying, arm):
         (second,) = other.recordings
         wheels = [recording.channels["motor_torques"]["front_left.velocity"] for recording in (first, second)]

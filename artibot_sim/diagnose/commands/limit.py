@@ -32,6 +32,8 @@ _SHARE = 0.5
 """Probability beforehand that a motor near the limit is at it."""
 _RELATIVE = 0.01
 """Noise of torques relative to them, and of a limit found."""
+_UNKNOWN = 0.05
+"""The same where too few samples tell it."""
 _SLOPES = (0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.3, 3.0, 4.0)
 """Slopes that are tried, over that of a line on which the largest torque is lost at the fastest speed. The last is for
 limits reached at high speeds only: four fifths of the torque at rest are lost there. Steeper is a ceiling of speeds."""
@@ -281,7 +283,7 @@ def _noise_of_torques(data: CommandData) -> float:
         mine = (data.recording == r) & (data.motor == m) & np.isfinite(data.torque)
         levels.append(noise_of(data.at[mine].mean(axis=1)[:800], data.torque[mine][:800]))
     known = [level for level in levels if np.isfinite(level)]
-    return max(float(np.median(known)) if known else 0.02, 2e-3)
+    return float(np.median(known)) if known else _UNKNOWN * _top(np.abs(np.nan_to_num(data.torque)))
 
 
 def _level(noise: SpeedNoise, error: Array) -> float:

@@ -117,6 +117,23 @@ def test_an_effect_is_found_with_its_size(name: str, sensors: str) -> None:
     assert view.nats(robot_with(**{name: HIDDEN[name]})) > 0.8 * one.nats
 
 
+@pytest.mark.parametrize(("name", "parameter"), [("torque_limit", "front_max"), ("battery_sag", "stall")])
+def test_a_limit_is_as_plain_for_motors_of_any_size(name: str, parameter: str) -> None:
+    """Torques of a motor 500 times as small say as much: Epi.q's pull less than a thousandth of a newton metre."""
+    small = 1.0 / 500.0
+    runs = driven(robot_with(**{name: HIDDEN[name]}), seed=1)
+    shrunk = []
+    for run in runs:
+        channels = dict(run.channels)
+        for key in ("motor_torques", "motor_command"):
+            columns = {k: small * v if k.endswith("effort") else v for k, v in channels[key].columns.items()}
+            channels[key] = replace(channels[key], columns=columns)
+        shrunk.append(replace(run, channels=channels))
+    large, little = (command_view(some, AGRIQ).evidence[name] for some in (runs, shrunk))
+    assert little.nats == pytest.approx(large.nats, rel=1e-6)
+    assert little.values[parameter] == pytest.approx(small * large.values[parameter], rel=1e-6)
+
+
 def said_of_limits(view: CommandView) -> tuple[str, tuple[str, ...]]:
     """Which of a level limit and a line is named, and what ties with it."""
     both = {name: one for name, one in others(view).items() if name in ("torque_limit", "battery_sag")}

@@ -79,7 +79,7 @@ class Truth:
         What was put in and never acts in these recordings.
     nats : mapping of id to float
         By how much each changes what the sensors say: half the squared change over noise, in windows of 5 s that
-        begin in the true state, soil known.
+        begin in the true state, soil known. Of a rigid robot of predictions of 2 s from measured poses.
     soil : mapping of str to float
     severity : float
     seed : int
@@ -168,11 +168,14 @@ def case(
 def _logged(
     effects: Sequence[str], severity: float, seed: int, runs: int, held_out: int, duration: float, robot: str
 ) -> Case:
-    """A rigid robot's recordings; all that is put in acts."""
+    """A rigid robot's recordings; beside ground that varies all that is put in counts as acting."""
     names = [f"run{i}" for i in range(runs + held_out)]
     found, put_in, soil = logged.recordings(effects, severity, seed, names, duration, robot)
     varies = logged.VARYING in effects
-    truth = Truth(put_in, {}, {}, {}, soil, severity, seed, ("random speeds",) * len(names), varies)
+    nats = {} if varies else {name: logged.nats_of(name, put_in, found[:runs], soil, robot) for name in put_in}
+    idle = {name: values for name, values in put_in.items() if nats.get(name, LEAST_NATS) < LEAST_NATS}
+    acts = {name: values for name, values in put_in.items() if name not in idle}
+    truth = Truth(acts, {}, idle, nats, soil, severity, seed, ("random speeds",) * len(names), varies)
     return Case(tuple(found[:runs]), tuple(found[runs:]), truth, robot, logged.HORIZON)
 
 

@@ -18,6 +18,7 @@ from estimation.logger import Drive, Logger, drive, recorded
 
 from artibot_sim.diagnose.sizes import factors
 from artibot_sim.experiment import Experiment
+from artibot_sim.identify.validation import hold_out
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.model.simulate.sensors import sensor_errors, tracked_point
 
@@ -71,6 +72,26 @@ def recordings(
         channels = {key: seen.channels[key] for key in ("motor_torques", "ground_truth_odom")}
         found.append(replace(seen, name=name, path=Path(name), metadata={"robot": robot}, channels=channels))
     return found, put_in, soil
+
+
+def nats_of(
+    name: str, put_in: Mapping[str, Mapping[str, Any]], found: Sequence[Experiment], soil: Mapping[str, float],
+    robot: str,
+) -> float:  # fmt: skip
+    """Half the squared change of predictions over noise between the true model and the same without one effect.
+
+    Windows begin with the pose that was measured.
+    """
+    numbers = _on(load_robot(robot), soil)
+    others = {other: dict(values) for other, values in put_in.items() if other != name}
+    total = 0.0
+    for recording in found:
+        without, with_it = (
+            hold_out(recording, replace(numbers, effects={**numbers.effects, **acting}), HORIZON, workers=1).residuals
+            for acting in (others, put_in)
+        )
+        total += sum(0.5 * float(np.sum((a - b) ** 2)) for a, b in zip(without, with_it, strict=True))
+    return total
 
 
 def _on(robot: Robot, soil: Mapping[str, float]) -> Robot:
