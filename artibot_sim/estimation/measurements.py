@@ -35,16 +35,16 @@ CHANNEL_UNITS = {
     "torque_back": "N m",
 }  # fmt: skip
 
-_GUESS = {
-    "position": 0.01, "yaw": 0.01, "yaw_rate": 0.01, "articulation_yaw": 0.005, "torque_front": 0.03,
-    "torque_back": 0.03,
-}  # fmt: skip
-"""Noise where there are too few samples to tell."""
+_TORQUES = ("torque_front", "torque_back")
+_GUESS = {"position": 0.01, "yaw": 0.01, "yaw_rate": 0.01, "articulation_yaw": 0.005, **dict.fromkeys(_TORQUES, 0.08)}
+"""Noise where there are too few samples to tell; of torques a share of the largest ones, for motors of any size."""
 _LEAST = {
-    "position": 3e-4, "yaw": 3e-4, "yaw_rate": 5e-4, "articulation_yaw": 3e-4, "torque_front": 2e-3,
-    "torque_back": 2e-3,
+    "position": 3e-4, "yaw": 3e-4, "yaw_rate": 5e-4, "articulation_yaw": 3e-4, **dict.fromkeys(_TORQUES, 0.005),
 }  # fmt: skip
-"""Noise that is taken at least: encoders are smoothed and steps are finite, also where a recording is exact."""
+"""Noise that is taken at least, in the same units: encoders are smoothed and steps are finite, also where a recording
+is exact."""
+_LARGEST = 0.99
+"""Share of all torques that are no larger than what counts as the largest: single samples may be wrong."""
 HALF_WIDTH = 0.04
 """s around an instant whose encoder positions give a motor's rotation. Wider ones cut the peaks of slip, and every
 force comes out too large for it (0.3 % here); narrower ones leave more of the encoders' counts in the slip, and every
@@ -306,8 +306,17 @@ def noise_levels(found: Sequence[Stretch]) -> dict[str, float]:
     pooled = {}
     for channel, values in levels.items():
         known = [value for value in values if np.isfinite(value)]
-        pooled[channel] = max(float(np.median(known)) if known else _GUESS[channel], _LEAST[channel])
+        unit = _largest_torque(found) if channel in _TORQUES else 1.0
+        pooled[channel] = max(float(np.median(known)) if known else unit * _GUESS[channel], unit * _LEAST[channel])
     return pooled
+
+
+def _largest_torque(found: Sequence[Stretch]) -> float:
+    """Of all motors, N m; 1 where none ever pulls."""
+    torques = [np.abs(series.value) for stretch in found for series in stretch.series if series.channel in _TORQUES]
+    known = np.concatenate(torques)
+    known = known[np.isfinite(known)]
+    return (float(np.quantile(known, _LARGEST)) if len(known) else 0.0) or 1.0
 
 
 def missing(found: Sequence[Stretch], robot: Robot) -> list[str]:

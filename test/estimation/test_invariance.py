@@ -91,17 +91,17 @@ def begun_earlier(of: Experiment, by: float = 40.0) -> Experiment:
     return replace(of, start_ns=of.start_ns - round(by * 1e9), channels=channels, segments=segments)
 
 
-def in_half_newtons(of: Experiment) -> Experiment:
-    """Torques twice as large a number."""
+def in_other_newtons(of: Experiment, times: float = 2.0) -> Experiment:
+    """Torques so many times as large a number."""
     return with_columns(
         of, "motor_torques",
-        lambda columns: {name: 2.0 * v if name.endswith(".effort") else v for name, v in columns.items()},
+        lambda columns: {name: times * v if name.endswith(".effort") else v for name, v in columns.items()},
     )  # fmt: skip
 
 
-def robot_in_half_newtons() -> Robot:
+def robot_in_other_newtons(times: float) -> Robot:
     keys = [key for key in FORCES if key in ROBOT.sources]
-    return ROBOT.with_vector(keys, 2.0 * np.array(ROBOT.as_vector(keys)))
+    return ROBOT.with_vector(keys, times * np.array(ROBOT.as_vector(keys)))
 
 
 def losses_of(of: Experiment, robot: Robot) -> np.ndarray:
@@ -118,7 +118,10 @@ def losses_of(of: Experiment, robot: Robot) -> np.ndarray:
         (with_other_axes, ROBOT, 0.03),
         (mirrored, ROBOT, 1e-6),
         *((partial(begun_earlier, by=seconds), ROBOT, 1e-6) for seconds in (0.37, 40.0, 1234.567)),
-        (in_half_newtons, robot_in_half_newtons(), 1e-6),
+        *(
+            (partial(in_other_newtons, times=times), robot_in_other_newtons(times), 1e-6)
+            for times in (2.0, 64.0, 1.0 / 512.0)  # of motors of Husky's and of Epi.q's size
+        ),
     ],
 )
 def test_a_fit_does_not_depend_on_how_a_recording_is_written(
@@ -132,11 +135,11 @@ def test_a_fit_does_not_depend_on_how_a_recording_is_written(
 
 def test_the_numbers_do_change(recording: Experiment) -> None:
     """Each way of writing changes what is read, and torques twice as large without their robot change the loss."""
-    for change in (on_another_map, mirrored, begun_earlier, in_half_newtons):
+    for change in (on_another_map, mirrored, begun_earlier, in_other_newtons):
         changed = change(recording)
         assert any(
             not np.array_equal(channel.t, recording.channels[key].t)
             or any(not np.array_equal(v, recording.channels[key].columns[n]) for n, v in channel.columns.items())
             for key, channel in changed.channels.items()
         )
-    assert losses_of(in_half_newtons(recording), ROBOT).sum() > 1.5 * losses_of(recording, ROBOT).sum()
+    assert losses_of(in_other_newtons(recording), ROBOT).sum() > 1.5 * losses_of(recording, ROBOT).sum()
