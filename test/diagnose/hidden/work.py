@@ -20,7 +20,7 @@ from artibot_sim.checkpoints import Checkpoints
 from artibot_sim.diagnose import Options, diagnose
 from artibot_sim.diagnose.policy import FALSE_ALARM_RATE
 from artibot_sim.diagnose.selection.evidence import Evidence
-from artibot_sim.diagnose.selection.forward import Stage
+from artibot_sim.diagnose.selection.forward import SearchStage
 from artibot_sim.model import load_robot
 
 Part = TypeVar("Part")
@@ -53,7 +53,7 @@ class FirstSearch(Checkpoints):
     def once(self, name: str, make: Callable[[], Part]) -> Part:
         """The part, made."""
         part = super().once(name, make)
-        if name == "judged beside nothing" and isinstance(part, Stage):
+        if name == "judged beside nothing" and isinstance(part, SearchStage):
             self.evidence = part.evidence
         return part
 
