@@ -59,7 +59,7 @@ def surplus(result: Mapping[str, Any], thresholds: Thresholds = THRESHOLDS) -> d
             seen = search[effect]
             covariance = np.array([[(seen["size"] / max(seen["deviations"], 1e-9)) ** 2]])
             stated = Evidence(nats, 0.0, np.array([seen["size"]]), covariance, seen["scatter"])
-            asked = thresholds.more(effect) + thresholds.chance * seen["scatter"]
+            asked = thresholds.more(effect) + thresholds.margin * seen["scatter"]
             if not refusal(effect, stated, nats, nats - asked, thresholds):
                 found[effect] = nats - asked
         elif candidate["fitted"]:  # by commands alone

@@ -61,7 +61,7 @@ class FirstSearch(Checkpoints):
         """By effect what decides whether it is named."""
         return {
             name: {
-                "nats": one.nats, "scatter": one.chance, "deviations": one.deviations,
+                "nats": one.nats, "scatter": one.sampling_sd, "deviations": one.deviations,
                 "size": float(np.abs(one.own).max()),
             }
             for name, one in self.evidence.items()
