@@ -33,7 +33,7 @@ LONGEST = (
     "model/test_uneven.py",
     "bench/test_bench_command.py",
     "driver/test_foreign_drives.py",
-    "diagnose/unlisted/test_beside.py",
+    "diagnose/unlisted/test_explanations.py",
     "diagnose/test_run.py",
     "diagnose/test_elsewhere.py",
     "diagnose/selection/test_per_recording.py",

@@ -43,9 +43,9 @@ class Assessment:
     channels : mapping of str to ChannelBaseline
     comparisons : list of Comparison
         What pictures are drawn from.
-    neutral : tuple of PredictedRecording
+    baseline_predictions : tuple of PredictedRecording
         All recordings by the paper's model.
-    predicted : tuple of PredictedRecording
+    extended_predictions : tuple of PredictedRecording
         By the extended model.
     worth : HeldOut
         Of all that is named, or of the laws.
@@ -60,8 +60,8 @@ class Assessment:
     effects: Parameters
     channels: Mapping[str, ChannelBaseline]
     comparisons: list[Comparison]
-    neutral: tuple[PredictedRecording, ...]
-    predicted: tuple[PredictedRecording, ...]
+    baseline_predictions: tuple[PredictedRecording, ...]
+    extended_predictions: tuple[PredictedRecording, ...]
     worth: HeldOut
     whole: tuple[Problem, Fit]
     laws: FittedLaws | None = None
@@ -123,7 +123,10 @@ class Assessor:
 
     def held_out(self, assessed: Assessment) -> list[tuple[Robot, list[PredictedRecording]]]:
         """An assessment's models, and their predictions of the held-out recordings."""
-        models = ((assessed.baseline, assessed.neutral), (assessed.extended, assessed.predicted))
+        models = (
+            (assessed.baseline, assessed.baseline_predictions),
+            (assessed.extended, assessed.extended_predictions),
+        )
         return [(robot, list(runs[len(self._fitted) :])) for robot, runs in models]
 
 

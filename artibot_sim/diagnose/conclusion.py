@@ -15,7 +15,7 @@ from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noi
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.per_recording import ByRecording, fitted_by_recording
 from artibot_sim.diagnose.timetable import Timetable
-from artibot_sim.diagnose.unlisted.beside import Explanations
+from artibot_sim.diagnose.unlisted.explanations import Explanations
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
 from artibot_sim.diagnose.validation.predictions import LAWS, Worth, is_minor, is_refuted
 from artibot_sim.diagnose.validation.stability import disagreement, drifts
@@ -89,7 +89,7 @@ class LastEffect:
 
 
 @dataclass(frozen=True)
-class Without:
+class Withdrawal:
     """Effects that explain the fitted recordings best and are not named.
 
     Attributes
@@ -98,9 +98,9 @@ class Without:
     reason : Reason
     gain : mapping of str to ChannelGain
         What held-out recordings gain by them, where that is the reason.
-    left : mapping of str to Left
+    left : mapping of str to SlowResidual
         What they leave of the fitted ones.
-    beside : Beside or None
+    beside : LastEffect or None
         Where only the last of several effects is not named.
     """
 
@@ -121,14 +121,14 @@ class Conclusion:
         With its verdict, what is named, and what is left with that.
     motion, commands : DecisionRow
         The rows that decided about effects fitted to the motion, and about those that only commands show.
-    without : tuple of Without
+    withdrawn : tuple of Withdrawal
         What is not named though it explains the fitted recordings best.
     """
 
     decision: Decision
     motion: DecisionRow[Outcome]
     commands: DecisionRow[Outcome]
-    without: tuple[Without, ...] = ()
+    withdrawn: tuple[Withdrawal, ...] = ()
 
 
 _AGAINST = (Reason.REFUTED, Reason.MINOR)
@@ -165,7 +165,7 @@ def concluded(
     """
     explain = partial(Explanations, ticks=ticks, latest=latest)
     about_motion = MotionFacts(found, judge, explain)
-    motion, last = MOTION.first(about_motion), list[Without]()
+    motion, last = MOTION.first(about_motion), list[Withdrawal]()
     while motion.reason in _AGAINST and about_motion.last_is_worse and len(last) < MOST_EFFECTS:
         last.append(about_motion.last)
         about_motion = MotionFacts(about_motion.without_last(go_on), judge, explain)
@@ -175,7 +175,7 @@ def concluded(
     about_commands = CommandFacts(kept, view, judged)
     commands = COMMANDS.first(about_commands)
     kept = about_commands.kept(commands.then)
-    fallen = [facts.without(row.reason) for facts, row in _withdrawn(about_motion, motion, about_commands, commands)]
+    fallen = [facts.withdrawal(row.reason) for facts, row in _withdrawn(about_motion, motion, about_commands, commands)]
     facts = {
         "encoders": "named" if _recorded(kept) else "nothing",
         "motion": motion.then.name.lower(), "commands": commands.then.name.lower(),
@@ -244,10 +244,10 @@ class MotionFacts:
             back = replace(back, unexplained=self._force_alone, laws=self._explanations(()).laws)
         return without_ties_among_named(replace(back, by_recording=self._contradiction))
 
-    def without(self, reason: Reason) -> Without:
+    def withdrawal(self, reason: Reason) -> Withdrawal:
         """What was not named, why, and what it would have gained."""
         gain = self.held.gain if reason in (Reason.REFUTED, Reason.MINOR) else {}
-        return Without(tuple(one.effect for one in self._decision.fitted), reason, gain, self._decision.left)
+        return Withdrawal(tuple(one.effect for one in self._decision.fitted), reason, gain, self._decision.left)
 
     @property
     def last_is_worse(self) -> bool:
@@ -264,11 +264,11 @@ class MotionFacts:
         return self._decision.without_last()
 
     @property
-    def last(self) -> Without:
+    def last(self) -> Withdrawal:
         """The last effect beside the others, and how held-out recordings are predicted with it."""
         *others, effect = (one.effect for one in self._decision.fitted)
         worth = self.held.gained[effect]
-        return Without((effect,), Reason.REFUTED, {}, self._decision.left, LastEffect(tuple(others), worth))
+        return Withdrawal((effect,), Reason.REFUTED, {}, self._decision.left, LastEffect(tuple(others), worth))
 
     @cached_property
     def held(self) -> HeldOut:
@@ -369,11 +369,11 @@ class CommandFacts:
         left = self._with if named else self._none
         return kept if left is None or not self._view.plausible else replace(kept, left={**kept.left, COMMANDED: left})
 
-    def without(self, reason: Reason) -> Without:
+    def withdrawal(self, reason: Reason) -> Withdrawal:
         """What was not named, why, and what it would have gained."""
         effects = tuple(one.effect for one in _commanded(self._found))
         left = {} if self._with is None else {COMMANDED: self._with}
-        return Without(effects, reason, self._held.gain if reason is Reason.REFUTED else {}, left)
+        return Withdrawal(effects, reason, self._held.gain if reason is Reason.REFUTED else {}, left)
 
     def _size(self, left: SlowResidual | None) -> str:
         return "noise" if left is None or not beyond_noise({COMMANDED: left}) else "more"

@@ -13,7 +13,7 @@ import numpy as np
 from artibot_sim.cluster import identity
 from artibot_sim.diagnose.assessment import Assessment, Assessor, Parameters
 from artibot_sim.diagnose.commands.view import CommandView, command_view
-from artibot_sim.diagnose.conclusion import Conclusion, Without, concluded, shows_forces
+from artibot_sim.diagnose.conclusion import Conclusion, Withdrawal, concluded, shows_forces
 from artibot_sim.diagnose.extended import with_effects_of
 from artibot_sim.diagnose.holdout import distinctly_named, split
 from artibot_sim.diagnose.next_experiment.choice import next_experiment, next_for_force, one_by_one, repeated
@@ -213,7 +213,7 @@ def result_of(
         gain=assessed.worth.gain,
         next_experiment=_next(decision, channels),
         warnings=(
-            *map(_withdrawn, found.without),
+            *map(_withdrawn, found.withdrawn),
             *_contradiction(decision),
             *_besides(found),
             *([] if view.plausible else [view.why]),
@@ -279,15 +279,15 @@ def _next(decision: Decision, channels: Mapping[str, ChannelBaseline]) -> NextEx
     return next_experiment(robots, noise)
 
 
-def _withdrawn(without: Without) -> str:
+def _withdrawn(one: Withdrawal) -> str:
     """Why what explains the fitted recordings best is not named."""
-    if without.reason is Reason.DOUBT:
-        return doubt(without.effects, far_beyond_noise(without.left) or beyond_noise(without.left))
-    if without.beside is not None:
-        worth = without.beside.worth
+    if one.reason is Reason.DOUBT:
+        return doubt(one.effects, far_beyond_noise(one.left) or beyond_noise(one.left))
+    if one.beside is not None:
+        worth = one.beside.worth
         grown = worth.after / worth.before - 1.0 if worth.before > 0.0 else np.nan
-        return refuted_beside(without.effects[0], without.beside.effects, grown)
-    return (refutation if without.reason is Reason.REFUTED else shortfall)(without.effects, without.gain)
+        return refuted_beside(one.effects[0], one.beside.effects, grown)
+    return (refutation if one.reason is Reason.REFUTED else shortfall)(one.effects, one.gain)
 
 
 def _contradiction(decision: Decision) -> list[str]:
@@ -405,13 +405,13 @@ def _with_explainable(result: Diagnosis, assessed: Assessment, options: Options,
     noise = {name: one.noise for name, one in assessed.channels.items()}
     learned = given.made(
         "how much any model could explain",
-        lambda: explainable(assessed.predicted, assessed.extended, noise, result.seed),
+        lambda: explainable(assessed.extended_predictions, assessed.extended, noise, result.seed),
     )
     if learned is None:
         return result
     (found, some), model = learned, None
     if options.residual and any(one.better for one in found.values()):
-        model = model_of(some, assessed.predicted, assessed.extended, result.horizon, result.seed)
+        model = model_of(some, assessed.extended_predictions, assessed.extended, result.horizon, result.seed)
     return replace(result, explainable=found, residual=model)
 
 
@@ -430,7 +430,7 @@ def _with_sensors(result: Diagnosis, timed: Sequence[Aligned]) -> Diagnosis:
 
 def _with_budget(result: Diagnosis, assessed: Assessment, given: TimeGiven) -> Diagnosis:
     """Add which part of the error on held-out recordings is what, and what varies, if there is time."""
-    held = [one for one in assessed.predicted if one.experiment.name in result.holdout]
+    held = [one for one in assessed.extended_predictions if one.experiment.name in result.holdout]
     found = given.made(
         "which part of the error is what",
         lambda: error_budget(*assessed.whole, held, result.gain, result.explainable, result.seed),

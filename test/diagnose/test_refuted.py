@@ -111,7 +111,7 @@ def test_a_refuted_fit_is_nothing_where_noise_is_all_that_is_left(part: tuple[Pa
     assert found.decision.verdict is (Verdict.UNEXPLAINED if late else Verdict.NONE)  # late, and no name for it
     assert not found.decision.named and found.decision.unexplained is None
     assert found.decision.left["yaw_rate"].typical == pytest.approx(1.0, abs=0.5)
-    assert [(one.effects, one.reason) for one in found.without] == [(("back_friction",), Reason.REFUTED)]
+    assert [(one.effects, one.reason) for one in found.withdrawn] == [(("back_friction",), Reason.REFUTED)]
 
 
 AFTER = Named("joint_friction", 80.0, ())
@@ -133,7 +133,7 @@ def test_an_effect_that_held_out_recordings_bear_stays_without_the_one_found_aft
 
     search = Decision((FITTED, AFTER), 58.0, problem, fit, problem, fit, (), {}, between=((problem, fit),))
     found = concluded(search, view, judge)
-    said = [(one.effects, one.reason, one.beside.effects if one.beside else ()) for one in found.without]
+    said = [(one.effects, one.reason, one.beside.effects if one.beside else ()) for one in found.withdrawn]
     last = (("joint_friction",), Reason.REFUTED, ("back_friction",))
     if first < 2.0:
         assert found.decision.fitted == (FITTED,) and said == [last]
@@ -156,7 +156,7 @@ def test_what_commands_show_stays_named_when_a_fit_is_refuted(part: tuple[Part, 
 def test_what_commands_show_falls_where_held_out_recordings_speak_against_it(part: tuple[Part, bool]) -> None:
     of, late = part
     found = decided(of, (COMMANDED,), ("command_delay",))
-    assert not found.decision.named and found.without[0].reason is Reason.REFUTED
+    assert not found.decision.named and found.withdrawn[0].reason is Reason.REFUTED
     assert found.decision.verdict is (Verdict.UNEXPLAINED if late else Verdict.NONE)
 
 

@@ -18,7 +18,7 @@ from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.sizes import sized
 from artibot_sim.diagnose.timetable import Timetable
-from artibot_sim.diagnose.unlisted.beside import Explanations
+from artibot_sim.diagnose.unlisted.explanations import Explanations
 from artibot_sim.diagnose.validation.predictions import LAWS
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.search import converge
