@@ -187,7 +187,7 @@ def same_machine(earlier: Earlier, machine: Mapping[str, Any]) -> bool:
     return all(earlier.machine.get(key) == machine.get(key) for key in ("cpu", "cores"))
 
 
-def as_quick(earlier: Earlier, machine: Mapping[str, Any]) -> bool:
+def same_speed(earlier: Earlier, machine: Mapping[str, Any]) -> bool:
     """Whether both were measured in the same way: ``--quick`` has shorter runs, and fewer."""
     return bool(earlier.machine.get("quick")) == bool(machine.get("quick"))
 
@@ -212,7 +212,7 @@ def remarks(earlier: Earlier, results: Sequence[Result], machine: Mapping[str, A
     if not same_machine(earlier, machine):
         cpu, cores = earlier.machine.get("cpu"), earlier.machine.get("cores")
         yield f"{earlier.path} is from another machine ({cpu}, {cores} cores): ratios say little about the code"
-    if not as_quick(earlier, machine):
+    if not same_speed(earlier, machine):
         yield f"one of {earlier.path} and this was measured with --quick: ratios say little about the code"
     new = {result.name for result in results}
     if left := [name for name in earlier.results if name not in new]:
@@ -223,5 +223,5 @@ def remarks(earlier: Earlier, results: Sequence[Result], machine: Mapping[str, A
 
 def is_worse(earlier: Earlier, found: Sequence[Change], machine: Mapping[str, Any]) -> bool:
     """Whether something got worse, as far as this machine can tell."""
-    alike = same_machine(earlier, machine) and as_quick(earlier, machine)
+    alike = same_machine(earlier, machine) and same_speed(earlier, machine)
     return alike and any(change.verdict == "worse" for change in found)

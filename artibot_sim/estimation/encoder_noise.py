@@ -183,8 +183,8 @@ def _changing(parameters: ParameterSet) -> list[int]:
     """Coordinates that the rover feels: what only a sensor says makes the model answer rotations no more or less."""
     own = len(parameters.parameters)
     sizes = [(len(extension), extension.effect.sensor is None) for extension in parameters.extensions]
-    felt = np.repeat([real for _, real in sizes], [size for size, _ in sizes]).astype(bool)
-    return [*range(own), *(own + np.flatnonzero(felt)).tolist()]
+    real_sizes = np.repeat([real for _, real in sizes], [size for size, _ in sizes]).astype(bool)
+    return [*range(own), *(own + np.flatnonzero(real_sizes)).tolist()]
 
 
 def _blocks(draws: Sequence[Problem], problem: Problem, fit: Fit, coordinates: Array) -> Array:

@@ -246,7 +246,7 @@ def recorded_point(result: Rollout, robot: Robot) -> dict[str, Floats]:
     return {"x": point[:, 0], "y": point[:, 1], "z": np.interp(at, t, result["z_f"])}
 
 
-def sees_itself(errors: SensorErrors) -> bool:
+def tracks_origin(errors: SensorErrors) -> bool:
     """Whether the tracked pose is the front module's own, at once."""
     return errors.arm_x == errors.arm_y == errors.delay == errors.heading == 0.0
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import Floats, Stamps
-from artibot_sim.experiment.inputs import recorded_motors, recorded_point, sees_itself
+from artibot_sim.experiment.inputs import recorded_motors, recorded_point, tracks_origin
 from artibot_sim.experiment.measured import dead_reckon
 from artibot_sim.experiment.messages import encoder, path_message, trajectory_message
 from artibot_sim.experiment.topics import BY_KEY, LATCHED, STATE
@@ -155,7 +155,7 @@ def write_experiment(
         "motor_command": (stamps, _motor_command(result, robot, commands or (plan.commands() if plan else None))),
     }
     errors = sensor_errors(robot)
-    if not sees_itself(errors):
+    if not tracks_origin(errors):
         tables["total_station"] = stamps, recorded_point(result, robot)
     if errors.gyro_bias:
         tables["imu"] = stamps, {"yaw_rate": result.twist[:, 2] + errors.gyro_bias}

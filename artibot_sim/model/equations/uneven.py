@@ -183,7 +183,7 @@ def rolled(at, r):
 
 
 @inlined
-def footing(body, p, fx, ground, which, at, spot, r, z, u):
+def wheel_on_ground(body, p, fx, ground, which, at, spot, r, z, u):
     """A wheel whose centre is `r` from the origin, at height `z` (m), and moves at `u` (m/s); and its F_n (N).
 
     `which` are its module, end and side.
@@ -229,8 +229,8 @@ def standing(body, p, fx, ground, module, side, at, x, y, z, rates):
         on_f.slope_x * u_f[0] + on_f.slope_y * u_f[1] - on_b.slope_x * u_b[0] - on_b.slope_y * u_b[1]
     )  # fmt: skip
     u_f, u_b = (u_f[0], u_f[1], u_f[2] + turn), (u_b[0], u_b[1], u_b[2] - turn)
-    front, F_nf = footing(body, p, fx, ground, (module, 1.0, side), at, on_f, r_f, z + r_f[2] + tilt, u_f)
-    back, F_nb = footing(body, p, fx, ground, (module, -1.0, side), at, on_b, r_b, z + r_b[2] - tilt, u_b)
+    front, F_nf = wheel_on_ground(body, p, fx, ground, (module, 1.0, side), at, on_f, r_f, z + r_f[2] + tilt, u_f)
+    back, F_nb = wheel_on_ground(body, p, fx, ground, (module, -1.0, side), at, on_b, r_b, z + r_b[2] - tilt, u_b)
     pair = WheelPair(
         dot(u_f, front.along), dot(u_b, back.along), dot(u_f, front.across), dot(u_b, back.across), F_nf, F_nb,
         F_nf, F_nb,

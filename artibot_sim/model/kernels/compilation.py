@@ -266,8 +266,8 @@ def _jit(function: Function, **options: Any) -> Function:
     compiled: Any = numba.njit(error_model="numpy", fastmath=_FAST, **options)(function)
     # Numba finds again what stands in a file and whose name tells all: neither what was put together from a text nor
     # what holds other functions.
-    told_again = function.__closure__ is None and Path(function.__code__.co_filename).exists()
-    if told_again and compiled is not function:  # as it is where numba is told to compile nothing
+    found_again = function.__closure__ is None and Path(function.__code__.co_filename).exists()
+    if found_again and compiled is not function:  # as it is where numba is told to compile nothing
         compiled._cache = _Shared(function)  # what numba's own option `cache` sets
     return compiled
 

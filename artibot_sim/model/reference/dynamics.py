@@ -117,7 +117,7 @@ def solve(
     behind : array, shape (4,), optional
         Integrals of the speeds' errors, rad, of motors that have a velocity loop; zero without.
     """
-    fx = fx.seeing(p, q, v)
+    fx = fx.with_motion(p, q, v)
     wheels = contact(p, q, v, fx, memory, ground=ground)
     mass, n, phi, right = body_system(p, q, v, wheels, fx, pitching=0.0 if ground is None else p.pitching)
     joint = len(phi)

@@ -78,7 +78,7 @@ class PlainEffects:
         working = at_work(self.values)
         return replace(self, values={name: values for name, (_, values) in working.items() if name not in LAWS})
 
-    def seeing(self, p: Params, q: Array, v: Array) -> PlainEffects:
+    def with_motion(self, p: Params, q: Array, v: Array) -> PlainEffects:
         """These effects where laws see a rover at q and v (16,)."""
         wheels = [unit.tau * q[c] for unit, c in zip(_motors(p), (6, 7, 14, 15), strict=False)]
         bend = (q[13] - q[5], v[13] - v[5]) if p.two else (0.0, 0.0)
@@ -89,7 +89,7 @@ class PlainEffects:
         """Of these what acts in the pair of the front module and the module `behind`, see `effects.parts`."""
         return replace(self, values={name: values for name, (_, values) in in_pair(self.values, behind).items()})
 
-    def seeing_pair(self, behind: int, p: Train, q: Array, v: Array) -> PlainEffects:
+    def with_motion_of_pair(self, behind: int, p: Train, q: Array, v: Array) -> PlainEffects:
         """As `in_pair`, where laws see the pair and its joint in n modules at q and v (8 n,)."""
         k, places = 8 * behind, (0, behind)
         wheels = [

@@ -116,7 +116,7 @@ def rk4_step(
         q, v = state.q + h * dt * k_q[-1], state.v + h * dt * k_v[-1]
         memory = state.memory + h * dt * k_lag[-1]
     weights = np.array([1, 2, 2, 1]) / 6 * dt
-    begun = fx.seeing(p, state.q, state.v)
+    begun = fx.with_motion(p, state.q, state.v)
     eta = _feed_back(p, torque, state.q[MOTOR_COLUMNS], state.v[MOTOR_COLUMNS], state.eta, begun)
     ends = (now + weights @ np.array(k) for now, k in ((state.q, k_q), (state.v, k_v), (state.memory, k_lag)))
     new_q, new_v, new_memory = ends
@@ -143,7 +143,7 @@ def semi_implicit_step(
     held = _hold(p, state, command, factor)
     v = state.v.copy()
     torque = np.zeros(4)
-    fx = fx.seeing(p, state.q, state.v)
+    fx = fx.with_motion(p, state.q, state.v)
     old = contact(p, state.q, state.v, fx, state.memory, ground=ground)
     for i in range(len(motors_of(p))):
         v[MOTOR_COLUMNS[i]], torque[i] = _next_speed(p, state, old, i, modes[i], drive[:, i], held[i], dt, fx)

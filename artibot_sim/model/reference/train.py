@@ -68,7 +68,7 @@ def solve_train(
         Multipliers joint by joint; wheels in the order of the modules.
     """
     count = len(p.modules)
-    pairs = [fx.seeing_pair(max(i, 1), p, q, v) for i in range(count)]
+    pairs = [fx.with_motion_of_pair(max(i, 1), p, q, v) for i in range(count)]
     kept = np.zeros((4, 4 * count)) if memory is None else memory.reshape(4, 4 * count)
     mass, n, wheels = np.zeros((8 * count, 8 * count)), np.zeros(8 * count), []
     M_m, prescribed = np.zeros(2 * count), []

@@ -138,10 +138,12 @@ class RoverShafts:
     def sample(self) -> TrueState:
         """The truth now; call it once a period."""
         stepper = self._stepper
-        felt = (stepper.v[:3] - self._v_last[:3]) / (self.timing.period_ns * 1e-9) - self._gravity
+        specific_force = (stepper.v[:3] - self._v_last[:3]) / (self.timing.period_ns * 1e-9) - self._gravity
         self._v_last = stepper.v.copy()
         asked = [math.nan if motor.asked.velocity is None else motor.asked.velocity for motor in self._motors[:2]]
-        return sample_of(self.robot, stepper.q.copy(), self._v_last, stepper.torque.copy(), felt, (asked[0], asked[1]))
+        return sample_of(
+            self.robot, stepper.q.copy(), self._v_last, stepper.torque.copy(), specific_force, (asked[0], asked[1])
+        )
 
     def reset(self) -> None:
         """Back to the start, at rest. The encoders count on: only the rover was moved, by somebody's hands."""

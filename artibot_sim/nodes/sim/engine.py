@@ -88,7 +88,7 @@ class TrueState:
         As seen from above, along its heading: forward, left (m/s) and yaw rate (rad/s).
     velocity, rates : array, shape (3,)
         In its own frame, which rolls and pitches with it: of its origin (m/s) and angular (rad/s).
-    felt : array, shape (3,)
+    specific_force : array, shape (3,)
         Specific force (m/s²), the mean over the last period: acceleration less gravity.
     motor_position, motor_velocity, motor_torque : array, shape (4,)
         Motor-side, rad, rad/s, N·m.
@@ -106,7 +106,7 @@ class TrueState:
     twist: tuple[float, float, float]
     velocity: Array
     rates: Array
-    felt: Array
+    specific_force: Array
     motor_position: Array
     motor_velocity: Array
     motor_torque: Array
@@ -122,7 +122,7 @@ class TrueState:
     @property
     def acceleration(self) -> Array:
         """What an accelerometer in the front module feels, in its frame (m/s², shape (3,))."""
-        return self.attitude.T @ self.felt
+        return self.attitude.T @ self.specific_force
 
 
 class Diverged(Exception):
@@ -227,11 +227,13 @@ class Engine:
     def _sample(self, result: Rollout, decision: PeriodCommands) -> TrueState:
         """Row 0 of the period: its torques are those that act from this instant on, as in one long rollout."""
         q, v = result.q[0], result.v[0]
-        felt = (v[:3] - self._v_last[:3]) / (self.timing.period_ns * 1e-9) - self._gravity
-        return sample_of(self.robot, q, v, result.motor_torque[0], felt, decision.velocity[0])
+        specific_force = (v[:3] - self._v_last[:3]) / (self.timing.period_ns * 1e-9) - self._gravity
+        return sample_of(self.robot, q, v, result.motor_torque[0], specific_force, decision.velocity[0])
 
 
-def sample_of(robot: Robot, q: Array, v: Array, torque: Array, felt: Array, command: tuple[float, float]) -> TrueState:
+def sample_of(
+    robot: Robot, q: Array, v: Array, torque: Array, specific_force: Array, command: tuple[float, float]
+) -> TrueState:
     """The sample of a state (q, v), both of shape (16,), under motor torques (4,); it keeps views of the arrays."""
     motors, passive = motor_coordinates(robot), None in robot.drive.trailing
     c, s = math.cos(q[5]), math.sin(q[5])
@@ -241,7 +243,7 @@ def sample_of(robot: Robot, q: Array, v: Array, torque: Array, felt: Array, comm
         twist=(float(c * v[0] + s * v[1]), float(c * v[1] - s * v[0]), float(v[5])),
         velocity=linear_velocity(q, v),
         rates=angular_velocity(q, v),
-        felt=felt,
+        specific_force=specific_force,
         motor_position=q[motors],
         motor_velocity=v[motors],
         motor_torque=torque,

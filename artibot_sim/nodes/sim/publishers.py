@@ -151,13 +151,13 @@ class Publishers:
     def _publish_imu(self, stamp: tuple[int, int], sample: TrueState, sensors: SimulatedSensors) -> None:
         message = self._imu_message
         message.header.stamp.sec, message.header.stamp.nanosec = stamp
-        turned, felt = sensors.imu(sample.rates, sample.acceleration)
+        turned, specific_force = sensors.imu(sample.rates, sample.acceleration)
         rates, acceleration = message.angular_velocity, message.linear_acceleration
         rates.x, rates.y, rates.z = turned.tolist()
         if self.what.orientation:
             q = message.orientation
             q.x, q.y, q.z, q.w = quaternion(*sensors.orientation(sample.rpy).tolist())
-        acceleration.x, acceleration.y, acceleration.z = felt.tolist()
+        acceleration.x, acceleration.y, acceleration.z = specific_force.tolist()
         self._imu.publish(message)  # type: ignore[union-attr]
 
     def _publish_station(self, stamp: tuple[int, int], point: Any) -> None:
