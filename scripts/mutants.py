@@ -81,7 +81,7 @@ MUTANTS = (
     ),
     Mutant(
         "effects are named where a force on no list explains it", "artibot_sim/diagnose/verdict.py",
-        '"force": _SOME}, Outcome.UNEXPLAINED)', '"force": _SOME}, Outcome.NAMED)',
+        '"force": ("yes", "beside")}, Outcome.UNEXPLAINED)', '"force": ("yes", "beside")}, Outcome.NAMED)',
         ("diagnose/test_verdict.py",),
     ),
     Mutant(

@@ -19,7 +19,7 @@ from artibot_sim.diagnose.unlisted.explanations import Explanations
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
 from artibot_sim.diagnose.validation.predictions import LAWS, Worth, is_minor, is_refuted
 from artibot_sim.diagnose.validation.stability import disagreement, drifts
-from artibot_sim.diagnose.verdict import COMMANDS, MOTION, VERDICT, DecisionRow, Outcome, Reason
+from artibot_sim.diagnose.verdict import COMMANDS, MOTION, VERDICT, Outcome, Reason, Row
 from artibot_sim.model import Robot
 
 
@@ -119,15 +119,15 @@ class Conclusion:
     ----------
     decision : Decision
         With its verdict, what is named, and what is left with that.
-    motion, commands : DecisionRow
+    motion, commands : Row
         The rows that decided about effects fitted to the motion, and about those that only commands show.
     withdrawn : tuple of Withdrawal
         What is not named though it explains the fitted recordings best.
     """
 
     decision: Decision
-    motion: DecisionRow[Outcome]
-    commands: DecisionRow[Outcome]
+    motion: Row[Outcome]
+    commands: Row[Outcome]
     withdrawn: tuple[Withdrawal, ...] = ()
 
 
@@ -188,12 +188,12 @@ def concluded(
 
 def _withdrawn(
     about_motion: MotionFacts,
-    motion: DecisionRow[Outcome],
+    motion: Row[Outcome],
     about_commands: CommandFacts,
-    commands: DecisionRow[Outcome],
-) -> list[tuple[MotionFacts | CommandFacts, DecisionRow[Outcome]]]:
+    commands: Row[Outcome],
+) -> list[tuple[MotionFacts | CommandFacts, Row[Outcome]]]:
     """The facts and rows by which names fell for a reason that is to be said."""
-    found: list[tuple[MotionFacts | CommandFacts, DecisionRow[Outcome]]] = []
+    found: list[tuple[MotionFacts | CommandFacts, Row[Outcome]]] = []
     for facts, row in ((about_motion, motion), (about_commands, commands)):
         if row.reason is not Reason.NO_REASON and row.then is not Outcome.NAMED:
             found.append((facts, row))

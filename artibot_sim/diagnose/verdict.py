@@ -51,7 +51,7 @@ Ask = Callable[[str], str]
 
 
 @dataclass(frozen=True)
-class DecisionRow(Generic[Then]):
+class Row(Generic[Then]):
     """One row of a table.
 
     Attributes
@@ -68,7 +68,7 @@ class DecisionRow(Generic[Then]):
 
 
 @dataclass(frozen=True)
-class DecisionTable(Generic[Then]):
+class Table(Generic[Then]):
     """Rows, of which the first that holds decides.
 
     Attributes
@@ -76,14 +76,14 @@ class DecisionTable(Generic[Then]):
     title : str
     questions : mapping of str to (str, tuple of str)
         What each question asks in words, and which facts may answer it.
-    rows : tuple of DecisionRow
+    rows : tuple of Row
     """
 
     title: str
     questions: Mapping[str, tuple[str, tuple[str, ...]]]
-    rows: tuple[DecisionRow[Then], ...]
+    rows: tuple[Row[Then], ...]
 
-    def first(self, ask: Ask) -> DecisionRow[Then]:
+    def first(self, ask: Ask) -> Row[Then]:
         """The first row that holds; every question is asked once at most."""
         known: dict[str, str] = {}
         for row in self.rows:
@@ -103,7 +103,7 @@ class DecisionTable(Generic[Then]):
 _HELD = ("better", "little", "worse")
 _NO, _SOME, _NOISE, _MORE, _FAR = ("no",), ("yes",), ("noise",), ("more", "far more"), ("far more",)
 
-MOTION: DecisionTable[Outcome] = DecisionTable(
+MOTION: Table[Outcome] = Table(
     "Effects fitted to the motion",
     {
         "several soils": (
@@ -131,31 +131,31 @@ MOTION: DecisionTable[Outcome] = DecisionTable(
         "left without": ("what is left without any effect?", ("noise", "more", "far more")),
     },
     (
-        DecisionRow({"several soils": ("instead",)}, Outcome.SOILS),
-        DecisionRow({"effects": _NO, "left": _NOISE}, Outcome.NOTHING),
-        DecisionRow({"effects": _NO}, Outcome.UNEXPLAINED),
-        DecisionRow(
+        Row({"several soils": ("instead",)}, Outcome.SOILS),
+        Row({"effects": _NO, "left": _NOISE}, Outcome.NOTHING),
+        Row({"effects": _NO}, Outcome.UNEXPLAINED),
+        Row(
             {"several soils": _NO, "left": _MORE, "forces": _NO, "held out": ("better", "little"), "sure": _SOME},
             Outcome.NAMED,
             Reason.VARIES,
         ),
-        DecisionRow(
+        Row(
             {"several soils": _NO, "left": _MORE, "force": ("beside",), "held out": ("better",)},
             Outcome.NAMED,
             Reason.LAW,
         ),
-        DecisionRow({"several soils": _NO, "left": _MORE, "force": ("yes", "beside")}, Outcome.UNEXPLAINED),
-        DecisionRow({"held out": ("worse",), "left without": _NOISE}, Outcome.NOTHING, Reason.REFUTED),
-        DecisionRow({"held out": ("worse",)}, Outcome.UNEXPLAINED, Reason.REFUTED),
-        DecisionRow({"held out": ("little",), "left without": _NOISE}, Outcome.NOTHING, Reason.MINOR),
-        DecisionRow({"held out": ("little",)}, Outcome.UNEXPLAINED, Reason.MINOR),
-        DecisionRow({"several soils": _NO, "left": _FAR}, Outcome.UNEXPLAINED, Reason.DOUBT),
-        DecisionRow({"several soils": _NO, "left": _MORE}, Outcome.NAMED, Reason.BESIDE),
-        DecisionRow({}, Outcome.NAMED),
+        Row({"several soils": _NO, "left": _MORE, "force": ("yes", "beside")}, Outcome.UNEXPLAINED),
+        Row({"held out": ("worse",), "left without": _NOISE}, Outcome.NOTHING, Reason.REFUTED),
+        Row({"held out": ("worse",)}, Outcome.UNEXPLAINED, Reason.REFUTED),
+        Row({"held out": ("little",), "left without": _NOISE}, Outcome.NOTHING, Reason.MINOR),
+        Row({"held out": ("little",)}, Outcome.UNEXPLAINED, Reason.MINOR),
+        Row({"several soils": _NO, "left": _FAR}, Outcome.UNEXPLAINED, Reason.DOUBT),
+        Row({"several soils": _NO, "left": _MORE}, Outcome.NAMED, Reason.BESIDE),
+        Row({}, Outcome.NAMED),
     ),
 )
 
-COMMANDS: DecisionTable[Outcome] = DecisionTable(
+COMMANDS: Table[Outcome] = Table(
     "Effects that only commands show",
     {
         "followed": (
@@ -169,15 +169,15 @@ COMMANDS: DecisionTable[Outcome] = DecisionTable(
         "left without": ("what is left in the front motors' speeds without them?", ("noise", "more")),
     },
     (
-        DecisionRow({"followed": ("not commanded", "not theirs")}, Outcome.NOTHING),
-        DecisionRow({"followed": _NO}, Outcome.UNEXPLAINED),
-        DecisionRow({"effects": _NO, "left": _NOISE}, Outcome.NOTHING),
-        DecisionRow({"effects": _NO}, Outcome.UNEXPLAINED),
-        DecisionRow({"held out": ("worse",), "left without": _NOISE}, Outcome.NOTHING, Reason.REFUTED),
-        DecisionRow({"held out": ("worse",)}, Outcome.UNEXPLAINED, Reason.REFUTED),
-        DecisionRow({"left": ("more",), "share": ("most",)}, Outcome.UNEXPLAINED, Reason.DOUBT),
-        DecisionRow({"left": ("more",)}, Outcome.NAMED, Reason.BESIDE),
-        DecisionRow({}, Outcome.NAMED),
+        Row({"followed": ("not commanded", "not theirs")}, Outcome.NOTHING),
+        Row({"followed": _NO}, Outcome.UNEXPLAINED),
+        Row({"effects": _NO, "left": _NOISE}, Outcome.NOTHING),
+        Row({"effects": _NO}, Outcome.UNEXPLAINED),
+        Row({"held out": ("worse",), "left without": _NOISE}, Outcome.NOTHING, Reason.REFUTED),
+        Row({"held out": ("worse",)}, Outcome.UNEXPLAINED, Reason.REFUTED),
+        Row({"left": ("more",), "share": ("most",)}, Outcome.UNEXPLAINED, Reason.DOUBT),
+        Row({"left": ("more",)}, Outcome.NAMED, Reason.BESIDE),
+        Row({}, Outcome.NAMED),
     ),
 )
 
@@ -188,7 +188,7 @@ def _outcomes(*outcomes: Outcome) -> tuple[str, ...]:
 
 _ALL = _outcomes(*Outcome)
 
-VERDICT: DecisionTable[Verdict] = DecisionTable(
+VERDICT: Table[Verdict] = Table(
     "The answer",
     {
         "motion": ("what became of the effects fitted to the motion?", _ALL),
@@ -200,18 +200,16 @@ VERDICT: DecisionTable[Verdict] = DecisionTable(
         "tie": ("does another effect explain as much as the named one with the most evidence?", ("no", "yes")),
     },
     (
-        DecisionRow({"motion": _outcomes(Outcome.UNEXPLAINED)}, Verdict.UNEXPLAINED),
-        DecisionRow(
+        Row({"motion": _outcomes(Outcome.UNEXPLAINED)}, Verdict.UNEXPLAINED),
+        Row(
             {
                 "motion": _outcomes(Outcome.SOILS),
                 "commands": _outcomes(Outcome.NOTHING, Outcome.UNEXPLAINED),
             },
             Verdict.UNEXPLAINED,
         ),
-        DecisionRow(
-            {"motion": _outcomes(Outcome.NOTHING), "commands": _outcomes(Outcome.UNEXPLAINED)}, Verdict.UNEXPLAINED
-        ),
-        DecisionRow(
+        Row({"motion": _outcomes(Outcome.NOTHING), "commands": _outcomes(Outcome.UNEXPLAINED)}, Verdict.UNEXPLAINED),
+        Row(
             {
                 "motion": _outcomes(Outcome.NOTHING),
                 "commands": _outcomes(Outcome.NOTHING),
@@ -219,15 +217,15 @@ VERDICT: DecisionTable[Verdict] = DecisionTable(
             },
             Verdict.NONE,
         ),
-        DecisionRow({"tie": _SOME}, Verdict.AMBIGUOUS),
-        DecisionRow({}, Verdict.NAMED),
+        Row({"tie": _SOME}, Verdict.AMBIGUOUS),
+        Row({}, Verdict.NAMED),
     ),
 )
 
-TABLES: tuple[DecisionTable[Outcome | Verdict], ...] = (MOTION, COMMANDS, VERDICT)
+TABLES: tuple[Table[Outcome | Verdict], ...] = (MOTION, COMMANDS, VERDICT)
 
 
-def as_markdown(tables: Sequence[DecisionTable[Outcome | Verdict]] = TABLES) -> str:
+def as_markdown(tables: Sequence[Table[Outcome | Verdict]] = TABLES) -> str:
     """The tables for the docs; an empty cell asks nothing."""
     lines: list[str] = []
     for table in tables:

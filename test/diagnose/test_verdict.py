@@ -12,25 +12,25 @@ from artibot_sim.diagnose.conclusion import size_of
 from artibot_sim.diagnose.records import SlowResidual
 from artibot_sim.diagnose.remains import COMMANDED, LIMITS
 from artibot_sim.diagnose.tables import filled
-from artibot_sim.diagnose.verdict import COMMANDS, MOTION, TABLES, VERDICT, DecisionTable, Outcome, Reason, Verdict
+from artibot_sim.diagnose.verdict import COMMANDS, MOTION, TABLES, VERDICT, Outcome, Reason, Table, Verdict
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from ros_helpers import ROOT
 
 
-def every(table: DecisionTable) -> Iterator[dict[str, str]]:
+def every(table: Table) -> Iterator[dict[str, str]]:
     """All combinations of facts."""
     for facts in itertools.product(*(answers for _, answers in table.questions.values())):
         yield dict(zip(table.questions, facts, strict=True))
 
 
 @pytest.mark.parametrize("table", TABLES, ids=lambda table: table.title)
-def test_every_combination_is_decided_and_every_row_decides_some(table: DecisionTable) -> None:
+def test_every_combination_is_decided_and_every_row_decides_some(table: Table) -> None:
     deciding = {id(table.first(facts.__getitem__)) for facts in every(table)}
     assert deciding == {id(row) for row in table.rows}
 
 
 @pytest.mark.parametrize("table", TABLES, ids=lambda table: table.title)
-def test_rows_ask_for_facts_that_there_are(table: DecisionTable) -> None:
+def test_rows_ask_for_facts_that_there_are(table: Table) -> None:
     for row in table.rows:
         for question, facts in row.when.items():
             assert set(facts) <= set(table.questions[question][1]), (row, question)
