@@ -247,13 +247,17 @@ def _series(measured: Measured, robot: Robot) -> list[MeasuredSeries]:
     tables["articulation_yaw"] = [measured.articulation(joint) for joint in range(len(robot.modules) - 1)]
     for channel in ("torque_front", "torque_back"):
         tables[channel] = [measured.torques(pair) for pair in motor_pairs(robot, channel)]
+    deviation = {channel: measured.torque_deviation(pairs[0]) for channel in ("torque_front", "torque_back")
+                 if (pairs := motor_pairs(robot, channel))}  # fmt: skip
     wanted, found = sampled(robot), []
     for channel, parts in tables.items():
         columns = [(t, column) for t, values in parts for column in values.T]
         for (t, column), name in zip(columns, wanted.get(channel, ()), strict=False):
             if len(t):
                 kind = kind_of("heading" if name == "yaw" and not measured.late_heading else name)
-                found.append(MeasuredSeries(channel, kind, t, np.ascontiguousarray(column), noise_of(t, column)))
+                sigma = deviation.get(channel, np.nan)
+                sigma = sigma if np.isfinite(sigma) else noise_of(t, column)
+                found.append(MeasuredSeries(channel, kind, t, np.ascontiguousarray(column), sigma))
     return found
 
 

@@ -367,7 +367,12 @@ def _limits(experiment: Experiment) -> Iterator[str]:
     """Yield what is not recorded and what therefore stays unknown."""
     motors = experiment.channels["motor_torques"]
     if not any(_has(motors, f"{name}.effort") for name in MOTORS):
-        yield "no torques: forces are known only by how the rover slips"
+        currents = "motor_currents" in experiment.channels
+        yield (
+            "no torques: currents count as torques of an unknown scale, if they follow any"
+            if currents
+            else "no torques: forces are known only by how the rover slips"
+        )
     truth = experiment.channels.get("ground_truth_odom")
     gyro = "imu" in experiment.channels and _has(experiment.channels["imu"], "yaw_rate")
     heading = "total_station" not in experiment.channels and truth is not None and _has(truth, "yaw")

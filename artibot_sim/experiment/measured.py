@@ -242,6 +242,10 @@ POSE_HALF_WIDTH = 0.3
 """s around an instant whose positions give place and velocity there."""
 RATE_HALF_WIDTH = 0.05
 """s around an instant whose yaw rates and articulation angles count."""
+TORQUE_OF_CURRENT = "torque"
+"""Quantity of a motor on the channel of currents: its torque by them, N m, once it is known how they go together."""
+ITS_DEVIATION = "torque_deviation"
+"""How exactly currents say that: a standard deviation, N m."""
 _EXACT = 1e-5  # m or rad: measurements with less noise are taken as they are, not smoothed
 
 
@@ -320,9 +324,21 @@ class Measured:
 
     def torques(self, motors: tuple[str, ...]) -> tuple[Floats, Floats]:
         """Return times (n,) and torques (n, k) of these motors, N·m."""
-        channel = self.experiment.channels.get("motor_torques")
-        names = tuple(f"{motor}.effort" for motor in motors)
-        return _samples(channel, names, self.t_start, self.t_end) if channel else _nothing(len(motors))
+        channels = self.experiment.channels
+        for key, quantity in (("motor_torques", "effort"), ("motor_currents", TORQUE_OF_CURRENT)):
+            names = tuple(f"{motor}.{quantity}" for motor in motors)
+            if key in channels:
+                found = _samples(channels[key], names, self.t_start, self.t_end)
+                if len(found[0]):
+                    return found
+        return _nothing(len(motors))
+
+    def torque_deviation(self, motors: tuple[str, ...]) -> float:
+        """Return the standard deviation, N m, of torques of these motors that currents say; NaN of measured ones."""
+        torques, currents = (self.experiment.channels.get(key) for key in ("motor_torques", "motor_currents"))
+        name = f"{motors[0]}.{ITS_DEVIATION}"
+        measured = torques is not None and f"{motors[0]}.effort" in torques
+        return float("nan") if measured or currents is None or name not in currents else float(currents[name][0])
 
     def motors(self, articulated: bool) -> dict[str, tuple[Floats, Floats]]:
         """Return times (n,) and values (n, 2) of `front_velocity` (rad/s), `torque_front` and `torque_back` (N·m)."""

@@ -90,6 +90,8 @@ def read_bag(
     rows = _read_rows(info, wanted, pieces, (lambda share: advance(0.5 + 0.5 * share)) if twice else advance)
     _refuse_empty(info, topics or {}, rows)
     channels = {key: table.channel(remarks) for key, table in rows.items() if table.stamps}
+    if (currents := channels.get("motor_currents")) is not None:
+        channels["motor_currents"] = replace(currents, units=dict.fromkeys(currents.columns, "A"))
     try:
         channels = with_wheels(_with_pose(channels, found, remarks, asked=bool(topics)), joints or {}, remarks)
     except ArtibotError as error:

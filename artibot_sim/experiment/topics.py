@@ -129,6 +129,7 @@ TOPICS: tuple[Topic, ...] = (
     Topic("/joint_states", "joint_states", _JOINTS, measured=True),
     Topic("/motor_torques", "motor_torques", _JOINTS, measured=True),
     Topic("/motor_command", "motor_command", _JOINTS, measured=True),
+    Topic("/motor_currents", "motor_currents", _JOINTS),
     Topic("/imu/data", "imu", "sensor_msgs/msg/Imu", measured=True),
     Topic("/total_station/point", "total_station", "geometry_msgs/msg/PointStamped", measured=True),
     Topic("/planned/odom", "planned_odom", _ODOMETRY, measured=True),

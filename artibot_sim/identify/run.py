@@ -10,20 +10,15 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.alignment import mean_shifts, on_one_clock, stream_table, what_is_wrong, with_faults
 from artibot_sim.estimation.checks.recordings import require_usable
 from artibot_sim.estimation.encoder_noise import noise_share
 from artibot_sim.estimation.kinematic import kinematic_models
 from artibot_sim.estimation.loss import Loss, channel_levels, merged
 from artibot_sim.estimation.measurements import (
-    HALF_WIDTH,
-    Stretch,
     missing,
     noise_levels,
     other_robot,
-    stretches,
-    with_pooled_noise,
 )
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.parameters import SOIL, ParameterSet, Prior
@@ -40,9 +35,11 @@ from artibot_sim.estimation.search import (
 from artibot_sim.estimation.solver import Point, evaluate
 from artibot_sim.estimation.surroundings import Surroundings, surroundings
 from artibot_sim.estimation.uncertainty import from_bootstrap, from_curvature, profile
-from artibot_sim.estimation.windows import CHANNEL_NAMES, cut
+from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.experiment import Experiment
+from artibot_sim.identify.currents import SCALE, SCALE_PRIOR, counts_currents, currents_of, with_torques
 from artibot_sim.identify.judgement import FittedMotion, estimates, motion_of, overall, weakest
+from artibot_sim.identify.problems import enough_of, problem_of
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.result import Estimate, FitStatus, Identification
 from artibot_sim.identify.validation import PredictedRecording, channel_fits, hold_out
@@ -53,11 +50,6 @@ Array = NDArray[np.float64]
 
 WINDOW = 5.0
 """s of a window: long enough for the path to say something, short enough that a start decides which branch it takes."""
-LEAD = 0.3
-"""s at a window's beginning that are not compared."""
-MOST = 600.0
-"""s of windows that are fitted at most, evenly from a longer recording. What is left then of a handful of
-parameters is not the noise of the windows but the model's own error, and that does not average out."""
 _FEW = 12
 """Windows at most that the search from several starts takes, evenly."""
 LOWEST_NOISE = 0.7
@@ -70,6 +62,15 @@ errors alone make as much."""
 _FOREIGN = 4.0
 """Residuals over the sensor's noise from which not the noise but the model's own error is what residuals show; then no
 window is an exception."""
+_FOR_CURRENTS = 180.0
+"""s of windows at most whose path tells which torques currents follow."""
+_BESIDE = {
+    "effects.wheel_resistance.share": Prior(0.1, 0.1), "effects.pose_lever_arm.x": Prior(0.0, 0.15),
+    "effects.pose_lever_arm.y": Prior(0.0, 0.15),
+}  # fmt: skip
+"""What is fitted to the path of a rigid robot for that, beside its soil."""
+_STIFFNESSES = (0.06, 0.25, 1.0, 4.0)
+"""Times the robot file's stiffness of the ground from which that is fitted."""
 _PATIENCE = 3
 """Further rounds for a fit that still falls, and moves along its profile."""
 _MOVES = 2
@@ -156,6 +157,8 @@ def identify(
     timed, later = (on_one_clock(some, parameters.robot, seed, poses=not in_model) for some in (recordings, holdout))
     recordings, holdout = [one.experiment for one in timed], [one.experiment for one in later]
     wrong = what_is_wrong(timed, later)
+    currents = with_currents(recordings, holdout, parameters, window, seed, workers)
+    recordings, holdout, parameters = currents.recordings, currents.holdout, currents.parameters
     problem = problem_of(recordings, parameters, window, workers, seed=seed)
     problem, fewer = enough_of(problem)
     ticks()
@@ -172,10 +175,76 @@ def identify(
     predictions = tuple(h.summary for h in held)
     result = replace(
         result, robot=with_faults(result.robot, timed, "identified"), findings=wrong,
-        streams=stream_table([*timed, *later]), remarks=(*fewer, *result.remarks), predictions=predictions,
-        seconds=seconds,
+        streams=stream_table([*timed, *later]), remarks=(*currents.remarks, *fewer, *result.remarks),
+        predictions=predictions, seconds=seconds,
     )  # fmt: skip
     return Work(result, problem, found, around, tuple(held), mean_shifts(timed))
+
+
+@dataclass(frozen=True)
+class WithCurrents:
+    """Recordings of which currents count as torques, and parameters that leave their scale open.
+
+    Attributes
+    ----------
+    recordings, holdout : list of Experiment
+    parameters : ParameterSet
+    remarks : tuple of str
+        What the currents are; empty without any.
+    """
+
+    recordings: list[Experiment]
+    holdout: list[Experiment]
+    parameters: ParameterSet
+    remarks: tuple[str, ...] = ()
+
+
+def with_currents(
+    recordings: Sequence[Experiment],
+    holdout: Sequence[Experiment],
+    parameters: ParameterSet,
+    window: float,
+    seed: int,
+    workers: int | None,
+) -> WithCurrents:
+    """Currents in the place of torques that were not recorded.
+
+    What explains the path tells how they go together: `parameters`, and of a rigid robot how the ground resists its
+    wheels and which point the pose is of, unless these are known. Soils of very different stiffness explain a path
+    alike; of several the one counts whose torques the currents follow best.
+    """
+    robot = parameters.robot
+    some = [one for one in recordings if currents_of(one, robot) is not None]
+    if not some:
+        return WithCurrents(list(recordings), list(holdout), parameters)
+    known = () if robot.articulated else tuple(key for key in _BESIDE if key.split(".")[1] not in robot.effects)
+    richer = beside(parameters, {key: _BESIDE[key] for key in known})
+    problem, _ = enough_of(problem_of(some, richer, window, workers, seed=seed), _FOR_CURRENTS)
+    paths = side_by_side(lambda factor: _of_stiffness(problem, factor), _STIFFNESSES, workers)
+    recordings, holdout, said = with_torques(recordings, holdout, paths, workers)
+    if any(map(counts_currents, recordings)) and "torque_scale" not in robot.effects:
+        parameters = beside(parameters, {SCALE: SCALE_PRIOR})
+    return WithCurrents(recordings, holdout, parameters, (said,))
+
+
+def _of_stiffness(problem: Problem, factor: float) -> Robot:
+    """The robot that explains the path best near so many times its stiffness of the ground."""
+    parameters = problem.parameters
+    values = parameters.values(np.zeros(len(parameters)))
+    for key in ("contact.k_l", "contact.k_t"):
+        if (i := parameters.index(key)) is not None:
+            values[i] *= factor
+    loss, guess = Loss(1.0, np.ones(len(CHANNEL_NAMES))), parameters.inside(parameters.coordinates(values))
+    point = evaluate(problem, loss, [guess], problem.starts)[0]
+    return parameters.robot_at(converge(problem, point, loss, _SETTLE).point.coordinates)
+
+
+def beside(parameters: ParameterSet, priors: Mapping[str, Prior]) -> ParameterSet:
+    """These parameters and others of which only priors are known."""
+    if not priors:
+        return parameters
+    more = parameter_set(parameters.robot, tuple(priors), priors)
+    return replace(parameters, robot=more.robot, parameters=(*parameters.parameters, *more.parameters))
 
 
 class _Ticks:
@@ -190,39 +259,6 @@ class _Ticks:
     def __call__(self) -> None:
         self._count += 1
         self._report(min(1.0, self._count / self._expected))
-
-
-def problem_of(
-    recordings: Sequence[Experiment],
-    parameters: ParameterSet,
-    window: float,
-    workers: int | None,
-    half_width: float = HALF_WIDTH,
-    seed: int = 0,
-) -> Problem:
-    """The windows of recordings, and what is to explain them; motors are smoothed over `half_width` s."""
-    if not recordings:
-        raise ArtibotError("identify: no recording; give at least one")
-    if not (np.isfinite(window) and window >= 0.5):
-        raise ArtibotError(f"window: {window} s; expected at least 0.5 s")
-    found: list[Stretch] = []
-    for experiment in recordings:
-        found += stretches(experiment, parameters.robot, half_width)
-    found = with_pooled_noise(found)
-    windows = cut(found, parameters.robot, window, LEAD)
-    if not windows:
-        raise ArtibotError(f"{recordings[0].path}: no stretch holds four positions; record longer, or check the stamps")
-    return Problem(parameters, found, windows, workers, seed=seed)
-
-
-def enough_of(problem: Problem, most: float = MOST) -> tuple[Problem, list[str]]:
-    """A problem with windows of `most` s in all, evenly from all of them, and a remark where that is not all."""
-    seconds, number = float(problem.durations.sum()), len(problem)
-    if seconds <= most:
-        return problem, []
-    count = max(1, int(number * most / seconds))
-    few = problem.part((np.arange(count) * number // count).tolist())
-    return few, [f"{count} of {number} windows were fitted: {most / 60.0:g} of {seconds / 60.0:.0f} min say as much"]
 
 
 @dataclass(frozen=True)

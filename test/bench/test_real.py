@@ -16,8 +16,8 @@ from artibot_sim.bench.real import RecordingPart, RobotOnGround
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.kinematic import FREE, Kinematic, driven_windows, fit_kinematic, kinematic_models
 from artibot_sim.experiment import Experiment, read_bag, write_channels, write_experiment
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.validation import deviations, kinematic_residuals
 from artibot_sim.model import Commands, Rollout, load_robot, rollout
 

@@ -20,8 +20,8 @@ from artibot_sim.estimation.solver import evaluate, reduce
 from artibot_sim.estimation.surroundings import along
 from artibot_sim.estimation.uncertainty import Node, reweighted
 from artibot_sim.estimation.windows import CHANNEL_NAMES
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import load_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Stop

@@ -24,8 +24,8 @@ from artibot_sim.estimation.measurements import stretches
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.measured import Measured
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
 from artibot_sim.model import load_robot, save_robot
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop

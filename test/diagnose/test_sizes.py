@@ -15,8 +15,8 @@ from artibot_sim.diagnose import Verdict, diagnose
 from artibot_sim.diagnose.candidates.hypotheses import hypotheses, with_effect, without_effect
 from artibot_sim.diagnose.sizes import RobotScale, factors, scale_of, sized
 from artibot_sim.estimation.solver import evaluate
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.model import load_robot
 from artibot_sim.model.effects import EFFECTS
 

@@ -15,7 +15,7 @@ from artibot_sim.estimation.measurements import PAST
 from artibot_sim.estimation.parameters import ParameterSet
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.windows import Past, _in_modules, lagging_forces, time_over
-from artibot_sim.identify.run import problem_of
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.validation import fitted_starts
 from artibot_sim.model import load_robot
 from artibot_sim.model.robot.derived import params

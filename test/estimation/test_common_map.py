@@ -12,8 +12,8 @@ from artibot_sim.diagnose.validation.series import covariates
 from artibot_sim.estimation.checks.common_map import in_common_map, needed
 from artibot_sim.estimation.checks.recordings import data_warnings
 from artibot_sim.experiment import Experiment
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
 from artibot_sim.model import load_robot
 

@@ -16,8 +16,8 @@ from diagnose.turns import EVEN, TURNS
 
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.experiment import Experiment
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import Robot, load_robot
 

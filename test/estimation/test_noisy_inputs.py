@@ -10,8 +10,8 @@ from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.solver import Point, evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.identify.validation import fitted_starts
 from artibot_sim.model import load_robot

@@ -25,8 +25,8 @@ from artibot_sim.estimation.search import (
 from artibot_sim.estimation.solver import evaluate, reduce, step
 from artibot_sim.estimation.uncertainty import Node, from_bootstrap, from_curvature
 from artibot_sim.estimation.windows import CHANNEL_NAMES
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import load_robot
 

@@ -11,8 +11,8 @@ from scipy.signal import lfilter
 
 from artibot_sim.estimation.loss import correlation_time, thinning
 from artibot_sim.estimation.windows import Window
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import load_robot
 

@@ -21,8 +21,8 @@ from artibot_sim.estimation.windows import (
     states,
 )
 from artibot_sim.identify import Effort, identify
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import Noise, synthetic
 from artibot_sim.model import Commands, Mode, Robot, load_robot, rollout
 from artibot_sim.model.kernels.layout import BACK

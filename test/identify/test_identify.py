@@ -21,9 +21,10 @@ from artibot_sim.estimation.uncertainty import Distribution
 from artibot_sim.experiment import Channel, Experiment, write_channels
 from artibot_sim.identify import Effort, FitStatus, Prior, identify, parse_priors
 from artibot_sim.identify.judgement import FittedMotion, estimates, open_reason, overall
+from artibot_sim.identify.problems import enough_of, problem_of
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.result import Estimate, number
-from artibot_sim.identify.run import Work, enough_of, problem_of
+from artibot_sim.identify.run import Work
 from artibot_sim.identify.synthetic import Noise, random_manoeuvre, synthetic
 from artibot_sim.identify.validation import hold_out
 from artibot_sim.model import Robot, load_robot, save_robot

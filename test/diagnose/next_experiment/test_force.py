@@ -30,8 +30,8 @@ from artibot_sim.diagnose.unlisted.forms import TIME, WANDERING
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.experiment import Experiment
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.planning import plan
 

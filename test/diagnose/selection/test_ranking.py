@@ -26,8 +26,8 @@ from artibot_sim.estimation.search import Fit
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.experiment import Experiment
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
 from artibot_sim.model import load_robot
 from artibot_sim.model.effects import EFFECTS

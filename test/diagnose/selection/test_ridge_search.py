@@ -15,8 +15,8 @@ from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, free_parameters
 from artibot_sim.estimation.solver import evaluate, reduce
 from artibot_sim.estimation.windows import CHANNEL_NAMES
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
 from artibot_sim.model import load_robot
 

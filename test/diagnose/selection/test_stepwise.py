@@ -27,8 +27,8 @@ from artibot_sim.estimation.search import Fit
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.experiment import Experiment
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.model import Robot, load_robot
 
 DRIVE = {"runs": 2, "held_out": 0, "duration": 10.0, "manoeuvres": ("eight", "stop_and_go")}

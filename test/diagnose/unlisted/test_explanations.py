@@ -23,8 +23,8 @@ from artibot_sim.diagnose.validation.predictions import LAWS
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.search import converge
 from artibot_sim.estimation.solver import evaluate
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.model import load_robot
 
 SLOPE = {"grade": 0.002, "heading": 0.5}

@@ -17,8 +17,8 @@ from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.search import converge
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import initial_state, load_robot
 from artibot_sim.planning import Dwell, Manoeuvre, Ramp, Slalom, Stop

@@ -16,8 +16,8 @@ from artibot_sim.diagnose.validation import predictors as module
 from artibot_sim.diagnose.validation.predictions import predicted
 from artibot_sim.diagnose.validation.predictors import best_of, predictors, refusals
 from artibot_sim.diagnose.verdict import Verdict
+from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import problem_of
 from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
 from artibot_sim.identify.validation import hold_out
 from artibot_sim.model import Robot, load_robot
