@@ -55,8 +55,7 @@ from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Effort, Fit, Tick
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.judgement import excitation
-from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.run import best_fit, with_currents
+from artibot_sim.identify.run import best_fit
 from artibot_sim.identify.validation import PredictedRecording
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
@@ -107,9 +106,7 @@ def diagnose(
     named = distinctly_named(recordings, holdout)
     timed, later = (on_one_clock(some, robot, seed, poses="pose_delay" in robot.effects or None) for some in named)
     fitted, held = split([one.experiment for one in timed], [one.experiment for one in later], robot)
-    begun, of_file = parts.elapsed, robot
-    currents = with_currents(fitted, held, parameter_set(robot), options.horizon, seed, options.workers)
-    fitted, held, robot = currents.recordings, currents.holdout, currents.parameters.robot
+    begun = parts.elapsed
     ticks.begin(Task.COMMANDS)
     view = command_view(fitted, robot, needed=options.least)
     view_took = parts.elapsed - begun
@@ -136,10 +133,9 @@ def diagnose(
     result = _with_explainable(result, assessed, options, given)
     ticks.begin(Task.ERRORS)
     result = _with_budget(result, assessed, given)
-    warnings = (*currents.remarks, *_fewer(len(every.rows), usual), *given.warning(), *result.warnings)
     result = replace(
-        _with_sensors(result, timed, of_file), findings=what_is_wrong(timed, later),
-        streams=stream_table([*timed, *later]), search=fit.report, warnings=warnings,
+        _with_sensors(result, timed), findings=what_is_wrong(timed, later), streams=stream_table([*timed, *later]),
+        search=fit.report, warnings=(*_fewer(len(every.rows), usual), *given.warning(), *result.warnings),
     )  # fmt: skip
     ticks.done()
     return replace(result, seconds=parts.elapsed)
@@ -419,30 +415,17 @@ def _with_explainable(result: Diagnosis, assessed: Assessment, options: Options,
     return replace(result, explainable=found, residual=model)
 
 
-_SCALED = "not looked for: torques are known from currents, up to a scale that is fitted"
-
-
-def _with_sensors(result: Diagnosis, timed: Sequence[Aligned], of_file: Robot) -> Diagnosis:
-    """Add to the robots of a result by how much streams were stamped late in the fitted recordings.
-
-    The scale of torques that were known from currents is of these recordings, and no robot's.
-    """
-    scaled = "torque_scale" in result.robot.effects and "torque_scale" not in of_file.effects
+def _with_sensors(result: Diagnosis, timed: Sequence[Aligned]) -> Diagnosis:
+    """Add to the robots of a result by how much streams were stamped late in the fitted recordings."""
 
     def with_their_faults(robot: Robot) -> Robot:
-        own = {name: values for name, values in robot.effects.items() if not (scaled and name == "torque_scale")}
-        return with_faults(replace(robot, effects=own) if scaled else robot, timed, "diagnosed")
+        return with_faults(robot, timed, "diagnosed")
 
     predictors = [
         one if one.robot is None else replace(one, robot=with_their_faults(one.robot)) for one in result.predictors
     ]
     baseline, extended = with_their_faults(result.baseline_robot), with_their_faults(result.extended)
-    ranking = tuple(
-        replace(one, note=_SCALED) if scaled and one.effect == "torque_scale" else one for one in result.ranking
-    )
-    return replace(
-        result, robot=of_file, baseline_robot=baseline, extended=extended, predictors=tuple(predictors), ranking=ranking
-    )
+    return replace(result, baseline_robot=baseline, extended=extended, predictors=tuple(predictors))
 
 
 def _with_budget(result: Diagnosis, assessed: Assessment, given: TimeGiven) -> Diagnosis:

@@ -369,7 +369,7 @@ def _limits(experiment: Experiment) -> Iterator[str]:
     if not any(_has(motors, f"{name}.effort") for name in MOTORS):
         currents = "motor_currents" in experiment.channels
         yield (
-            "no torques: currents count as torques of an unknown scale, if they follow any"
+            "no torques: identify takes currents as torques of an unknown scale, if they follow any"
             if currents
             else "no torques: forces are known only by how the rover slips"
         )

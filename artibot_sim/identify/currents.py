@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.estimation.measurements import motor_pairs
-from artibot_sim.estimation.parameters import SOIL, Prior
+from artibot_sim.estimation.parameters import Prior
 from artibot_sim.estimation.windows import predecessors
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.columns import Channel
@@ -214,11 +214,6 @@ def counts_currents(experiment: Experiment) -> bool:
     """Whether a recording's currents stand as torques."""
     channel = experiment.channels.get("motor_currents")
     return channel is not None and any(name.endswith(f".{TORQUE_OF_CURRENT}") for name in channel.columns)
-
-
-def soil_of(recordings: Sequence[Experiment]) -> tuple[str, ...]:
-    """What is fitted of the model: the soil, and the scale of torques that are known from currents."""
-    return (*SOIL, SCALE) if any(map(counts_currents, recordings)) else SOIL
 
 
 def driven(robot: Robot) -> list[str]:

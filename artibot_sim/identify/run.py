@@ -173,8 +173,10 @@ def identify(
         ticks()
     seconds = time.perf_counter() - begun
     predictions = tuple(h.summary for h in held)
+    known = {name: result.robot.effects[name] for name in result.robot.effects if name not in currents.only_here}
+    whole = with_faults(replace(result.robot, effects=known), timed, "identified")
     result = replace(
-        result, robot=with_faults(result.robot, timed, "identified"), findings=wrong,
+        result, robot=whole, findings=wrong,
         streams=stream_table([*timed, *later]), remarks=(*currents.remarks, *fewer, *result.remarks),
         predictions=predictions, seconds=seconds,
     )  # fmt: skip
@@ -191,12 +193,15 @@ class WithCurrents:
     parameters : ParameterSet
     remarks : tuple of str
         What the currents are; empty without any.
+    only_here : tuple of str
+        Effects of these recordings that are no property of the robot: the scale of such torques.
     """
 
     recordings: list[Experiment]
     holdout: list[Experiment]
     parameters: ParameterSet
     remarks: tuple[str, ...] = ()
+    only_here: tuple[str, ...] = ()
 
 
 def with_currents(
@@ -222,9 +227,9 @@ def with_currents(
     problem, _ = enough_of(problem_of(some, richer, window, workers, seed=seed), _FOR_CURRENTS)
     paths = side_by_side(lambda factor: _of_stiffness(problem, factor), _STIFFNESSES, workers)
     recordings, holdout, said = with_torques(recordings, holdout, paths, workers)
-    if any(map(counts_currents, recordings)) and "torque_scale" not in robot.effects:
-        parameters = beside(parameters, {SCALE: SCALE_PRIOR})
-    return WithCurrents(recordings, holdout, parameters, (said,))
+    if "torque_scale" in robot.effects or not any(map(counts_currents, recordings)):
+        return WithCurrents(recordings, holdout, parameters, (said,))
+    return WithCurrents(recordings, holdout, beside(parameters, {SCALE: SCALE_PRIOR}), (said,), ("torque_scale",))
 
 
 def _of_stiffness(problem: Problem, factor: float) -> Robot:

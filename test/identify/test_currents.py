@@ -131,6 +131,7 @@ def test_rolling_resistance_is_known_with_currents_and_not_without(husky: Robot)
     found = identify([recording], husky, window=2.0, workers=1).result
     u_w = next(one for one in found.estimates if one.name == "u_w")
     assert u_w.status.value == "converged" and u_w.value == pytest.approx(0.02, rel=0.2)
+    assert "torque_scale" not in found.robot.effects, "that is of these recordings"
     assert any("follow the motors' torques without their sign" in remark for remark in found.remarks)
     blind = replace(recording, channels={k: c for k, c in recording.channels.items() if k != "motor_currents"})
     without = next(one for one in identify([blind], husky, window=2.0, workers=1).result.estimates if one.name == "u_w")

@@ -18,12 +18,12 @@ from artibot_sim.diagnose.selection.evidence import Evidence, evidence
 from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds, adopted, contained, excess_of, with_soil_of
 from artibot_sim.estimation.checks.common_map import in_common_map
 from artibot_sim.estimation.parallel import side_by_side
+from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge, restarted_windows
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.experiment import Experiment
-from artibot_sim.identify.currents import soil_of
 from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.model import Robot
@@ -135,8 +135,7 @@ def every_window(fitted: Sequence[Experiment], robot: Robot, options: Options) -
 
     What is bound to a place may be met in few windows of a recording; without a common map there is no such thing.
     """
-    parameters = parameter_set(robot, soil_of(fitted))
-    problem = problem_of(fitted, parameters, options.horizon, options.workers, HALF_WIDTH, options.seed)
+    problem = problem_of(fitted, parameter_set(robot, SOIL), options.horizon, options.workers, HALF_WIDTH, options.seed)
     enough = ENOUGH if in_common_map(fitted) else ENOUGH_APART
     step = max(1, round(float(problem.durations.sum()) / enough))
     return EveryWindow(problem, range(0, len(problem), step))
