@@ -130,6 +130,7 @@ def test_every_known_number_can_be_an_axis(grid):
         ({"axes": {"kappa": [0.7]}, "set": {"kappa": 0.8}}, "kappa: stands under 'axes' and under 'set'"),
         ({"axes": {"kappa": [0.7]}, "method": "lattin"}, "did you mean 'latin'"),
         ({"axes": {"kappa": [0.7]}, "method": "latin"}, "runs: found None"),
+        ({"axes": {"kappa": [0.7]}, "method": "latin", "runs": 5}, "axes: all 5 runs would be the same"),
         ({"axes": {"kappa": [0.7]}, "runs": 4}, "runs: a grid has as many"),
         ({"axes": {"kappa": [0.7]}, "dt": 0.003}, "dt: 0.003 s does not divide 0.01 s"),
         ({"axes": {"kappa": [0.7]}, "sets": {}}, "sets: unknown key, did you mean 'set'"),
