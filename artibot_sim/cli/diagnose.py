@@ -46,7 +46,7 @@ _READING = 0.05
 )  # fmt: skip
 @click.option(
     "--false-alarms", type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
-    help="Share of recordings with nothing hidden in which an effect may be named [0.01].",
+    help="Share of recordings with nothing hidden in which an effect may be named, at most [0.01].",
 )  # fmt: skip
 @click.option("--residual", is_flag=True, help="Write residual.npz, learned without physics, if it predicts better.")
 @click.option(

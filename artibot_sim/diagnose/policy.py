@@ -63,7 +63,7 @@ FALSE_ALARM_RATE = Number(0.01, "–", "share of recordings with nothing hidden 
 NATS_FLOOR = Number(
     30.0,
     "nats",
-    "an effect's evidence, at least: the middle of what nothing hidden gives to the best effect",
+    "an effect's evidence, at least: no less than the middle of what nothing hidden gives to the best effect",
     NULL,
     "yes",
 )
