@@ -45,15 +45,20 @@ class FittedMotion:
         Root mean square yaw rate, rad/s.
     torques : bool
         Whether torques were recorded.
+    currents : bool
+        Whether currents stand for them.
     """
 
     sliding: float
     grip: float
     turning: float
     torques: bool
+    currents: bool = False
 
 
-def motion_of(problem: Problem, coordinates: Array, starts: Array, torques: bool) -> FittedMotion:
+def motion_of(
+    problem: Problem, coordinates: Array, starts: Array, torques: bool, currents: bool = False
+) -> FittedMotion:
     """What the windows' simulations show."""
     t = [np.arange(0.05, duration, 0.05) for duration in problem.durations]
     seen = {}
@@ -63,7 +68,7 @@ def motion_of(problem: Problem, coordinates: Array, starts: Array, torques: bool
     known = np.isfinite(seen["sliding"])
     return FittedMotion(
         float((seen["sliding"][known] > 0).mean()), float(seen["grip"][known].max()),
-        float(np.sqrt(np.mean(seen["yaw_rate"][known] ** 2))), torques,
+        float(np.sqrt(np.mean(seen["yaw_rate"][known] ** 2))), torques, currents,
     )  # fmt: skip
 
 
@@ -168,6 +173,8 @@ def unseen(key: str, motion: FittedMotion) -> str:
         return f"no wheel ever slides: none takes more than {motion.grip:.2f} of its normal force{least}"
     if key == "contact.k_t" and motion.turning < _TURNING:
         return f"the rover hardly turns ({motion.turning:.2g} rad/s): nothing pushes its wheels sideways"
+    if key == "contact.u_w" and motion.currents:
+        return "currents do not tell rolling resistance from what motors and gears take without a load"
     return ""
 
 

@@ -159,12 +159,13 @@ def identify(
     wrong = what_is_wrong(timed, later)
     currents = with_currents(recordings, holdout, parameters, window, seed, workers)
     recordings, holdout, parameters = currents.recordings, currents.holdout, currents.parameters
+    used = any(map(counts_currents, recordings))
     problem = problem_of(recordings, parameters, window, workers, seed=seed)
     problem, fewer = enough_of(problem)
     ticks()
     problem, found = best_fit(problem, effort or Effort(), ticks)
     found, around = explored(problem, found, other_ends(problem, found), _MOVES, ticks)
-    motion = motion_of(problem, found.point.coordinates, found.point.starts, _has_torques(problem))
+    motion = motion_of(problem, found.point.coordinates, found.point.starts, _has_torques(problem), used)
     result = _result(recordings, holdout, problem, found, around, motion)
     held = []
     rivals = kinematic_models(problem) if holdout and not robot.articulated else {}
