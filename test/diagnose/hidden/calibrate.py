@@ -67,12 +67,17 @@ def surplus(result: Mapping[str, Any], thresholds: Thresholds = THRESHOLDS) -> d
     return found
 
 
+def _robot(result: Mapping[str, Any]) -> str:
+    """Name or file; journals that are older than other robots do not say it."""
+    return str(result["job"].get("robot", "agriq"))
+
+
 def promises(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Shares of false alarms by what was asked for: of the first search, and of the whole diagnosis."""
     cases = clean(results)
-    robots = sorted({each["job"]["robot"] for each in cases})
+    robots = sorted({_robot(each) for each in cases})
     for robot in [*robots, *(["all"] if len(robots) > 1 else [])]:
-        mine = [each for each in cases if robot in (each["job"]["robot"], "all")]
+        mine = [each for each in cases if robot in (_robot(each), "all")]
         best = [max(surplus(each).values(), default=0.0) for each in mine]
         spread = ", ".join(f"{q:.0%} {np.quantile(best, q):.1f}" for q in (0.5, 0.8, 0.95, 0.99, 1.0))
         yield f"{robot}: {len(mine)} cases; nats of the best effect by quantiles: {spread}"
