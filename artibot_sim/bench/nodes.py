@@ -174,6 +174,45 @@ def chain(scenario: Scenario) -> list[Result]:
     return [Result("chain_cpu_share", sum(shares.values()), "cores", note, shares | load())]
 
 
+def odometry(scenario: Scenario) -> list[Result]:
+    """The odometry node behind a simulator that publishes at 50 Hz, driven along Table 6."""
+    seconds = 4.0 if scenario.quick else 20.0
+    with tempfile.TemporaryDirectory(prefix="artibot-bench-") as folder, ExitStack() as running:
+        given = {"sim": ["--ros-args", "-p", "publish_rate:=50.0"], "odometry": ["--robot", "agriq"]}
+        for word, said in (("sim", " is ready "), ("odometry", "odometry from ")):
+            process = running.enter_context(started(word, given[word], folder))
+            _wait_for(Path(folder) / f"{word}.log", said, process, scenario)
+        running.enter_context(started("planner", ["table6_agriq", "--keep", "--start-delay", "2"], folder))
+        pause(2.0 * PLANNER_READY, scenario)
+        before, began = processor_time(process.pid), time.monotonic()
+        pause(seconds, scenario)
+        share = (processor_time(process.pid) - before) / (time.monotonic() - began)
+    note = f"odometry node, rotations and articulation at 50 Hz, driving Table 6 for {seconds:.0f} s"
+    return [Result("odometry_node_cpu_share", share, "cores", note, load())]
+
+
+def no_viewer() -> str | None:
+    """Why the view cannot be measured here, or None."""
+    return None if importlib.util.find_spec("viser") else "viser is not installed; pip install 'artibot_sim[view]'"
+
+
+def view(scenario: Scenario) -> list[Result]:
+    """From the command to the address of the page, of a recording of Table 6."""
+    from artibot_sim.experiment import write_experiment
+
+    took = []
+    with tempfile.TemporaryDirectory(prefix="artibot-bench-") as folder:
+        bag = Path(folder) / "table6"
+        write_experiment(bag, scenario.rollout("rk4", 1e-3), scenario.plan, scenario.robot)
+        for _ in range(1 if scenario.quick else 3):
+            began = time.monotonic()
+            with started("view", [str(bag), "--no-browser", "--port", "0"], folder) as process:
+                _wait_for(Path(folder) / "view.log", "http://127.0.0.1", process, scenario)
+                took.append(time.monotonic() - began)
+    note = f"artibot view, from the command to the address of its page, a recording of {scenario.plan.duration:.0f} s"
+    return [Result("view_start", min(took), "s", note, {"slowest": max(took)} | load())]
+
+
 def processor_time(pid: int) -> float:
     """What a process has used so far, s."""
     fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()

@@ -89,6 +89,8 @@ SUITE: dict[str, Benchmark] = {
         nodes.driver, 45, nodes.missing, in_quick=False,
     ),
     "chain": Benchmark(("chain_cpu_share",), nodes.chain, 60, nodes.missing, in_quick=False),
+    "odometry": Benchmark(("odometry_node_cpu_share",), nodes.odometry, 45, nodes.missing, in_quick=False),
+    "view": Benchmark(("view_start",), nodes.view, 25, nodes.no_viewer, in_quick=False),
     "replay_can": Benchmark(
         ("replay_can_late_p99",), nodes.replay_can, 40, nodes.replay_missing, in_quick=False,
     ),

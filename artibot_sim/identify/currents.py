@@ -50,7 +50,7 @@ _EACH = 0.1
 _FEWEST = 60
 """Samples without which nothing is said."""
 _TURNING = 0.2
-"""Of the largest speed: a motor that turns slower takes no power that tells its torque."""
+"""Of the largest speed: a motor that turns slower takes no power that tells its torque, and counts as standing."""
 _TUNING = 1.345
 """Huber's: residuals over their scale from which they count by their size alone."""
 _ROUNDS = 6
@@ -272,6 +272,7 @@ def current_sensor(seen: Sequence[tuple[Currents, Simulated]], robot: Robot) -> 
         (_fitted(rows, reading), name, rows, late)
         for late in _DELAYS.tolist()
         for rows in [_together(seen, late)]
+        if rows.turns.sum() >= _FEWEST
         for name, reading in READINGS.items()
     ]
     usable = [one for one in tried if one[0].share.min() > _EACH and (one[0].constant > 0.0 or one[1] == "signed")]
@@ -316,11 +317,18 @@ def _together(seen: Sequence[tuple[Currents, Simulated]], late: float) -> _Rows:
     parts = []
     for number, (measured, simulated) in enumerate(seen):
         torque, speed = simulated.at(measured.t - late)
-        turns = (np.abs(speed) > _TURNING * np.nanquantile(np.abs(speed), 0.95)).any(axis=1)
+        turns = np.asarray(_turns(speed).any(axis=1))
         known = np.flatnonzero(np.isfinite(torque).all(axis=1))
         block = 1e6 * number + np.floor(measured.t / _BLOCK)
         parts.append(_Rows(torque, speed, measured.current, turns, block).some(known))
     return _Rows(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _turns(speed: Array) -> NDArray[np.bool_]:
+    """Which motors turn when, shape as `speed` (n, motors); those of unknown speeds do not."""
+    known = np.abs(speed[np.isfinite(speed)])
+    least = _TURNING * float(np.quantile(known, 0.95)) if len(known) else np.inf
+    return np.asarray(np.abs(speed) > least)
 
 
 def _fitted(rows: _Rows, reading: Reading) -> _Line:
@@ -359,7 +367,7 @@ def _converted(
     if sensor.reading == "unsigned":  # the model says which way they pull
         own *= np.sign(torque)
     elif sensor.reading == "supply":
-        turns = np.abs(speed) > _TURNING * np.nanquantile(np.abs(speed), 0.95, axis=0)
+        turns = _turns(speed)
         own = np.where(turns, own / np.where(turns, speed, 1.0), np.nan)
     raw = experiment.channels["motor_currents"]
     ns = experiment.start_ns + np.round(1e9 * t).astype(np.int64)
@@ -371,6 +379,6 @@ def _converted(
     for k, motor in enumerate(driven(robot)):
         columns[f"{motor}.{TORQUE_OF_CURRENT}"] = own[order, k]
         columns[f"{motor}.{ITS_DEVIATION}"] = np.full(len(order), sd)
-    units = dict.fromkeys(columns, "N m")
+    units = dict.fromkeys(columns, "N·m")
     channel = Channel(raw.topic, ns, (ns - experiment.start_ns) / 1e9, ns, columns, units)
     return replace(experiment, channels={**experiment.channels, "motor_currents": channel})

@@ -116,6 +116,14 @@ def test_currents_of_something_else_are_left_out(husky: Robot, run: Experiment) 
     assert "left out" in said and not counts_currents(found)
 
 
+def test_currents_that_were_not_measured_while_wheels_turned_are_left_out(husky: Robot, run: Experiment) -> None:
+    channel = (recording := measured(run, "unsigned")).channels["motor_currents"]
+    late = replace(channel, t=channel.t + 500.0, t_ns=channel.t_ns + 500 * 10**9)
+    channels = dict(recording.channels) | {"motor_currents": late}
+    (found,), _, said = with_torques([replace(recording, channels=channels)], [], [husky], 1)
+    assert "left out" in said and not counts_currents(found)
+
+
 def test_recordings_without_currents_stay_as_they_are(husky: Robot, run: Experiment) -> None:
     found = with_currents([run], [run], parameter_set(husky), 2.0, 0, 1)
     assert found.recordings == [run] and found.holdout == [run]

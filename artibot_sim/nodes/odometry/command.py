@@ -81,12 +81,11 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
         When a parameter or the robot is refused.
     """
     with ros_process("odometry", ros_args) as asked:
-        from rclpy.executors import SingleThreadedExecutor
-
+        from artibot_sim.nodes.common.executor import light_executor
         from artibot_sim.nodes.odometry.node import OdometryNode
 
         with destroyed(built(OdometryNode, overrides, asked)) as node:
-            executor = SingleThreadedExecutor()
+            executor = light_executor()
             executor.add_node(node)
             try:
                 return int(node.run(executor))

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -100,7 +99,7 @@ class OdometryNode(Node):
             subscription(self, Imu, "imu/data", self._on_imu, SENSOR)
         warn_of_unknown(self)
 
-    def run(self, executor: SingleThreadedExecutor) -> int:
+    def run(self, executor: Any) -> int:
         """Serve until asked to end; return the exit status."""
         self.get_logger().info(f"{self.odometry.robot.name}: odometry from motor_torques to odom_model")
         while not self._asked:
