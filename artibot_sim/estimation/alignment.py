@@ -276,7 +276,9 @@ def _mend(was: Finding) -> str:
         return "its sign was turned"
     if was.name == LEAPS:
         return f"the recording was cut there, pieces shorter than {SHORTEST:g} s were left out,"
-    return f"that drift was taken off {was.topic}" if was.name == SCALED else f"stamps were shifted by {-size:+.2f} s"
+    if was.name == SCALED:
+        return f"that drift was taken off {was.topic}"
+    return f"stamps were shifted by {-size:+.2f} s".replace("-", "−")
 
 
 def what_is_left(timed: Sequence[Aligned], serious: bool | None = None) -> list[str]:

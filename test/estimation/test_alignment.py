@@ -40,7 +40,8 @@ def test_stamps_are_shifted_by_what_the_logger_added(key: str, by: float, polled
     assert not any(moved.values())
     channel = found.experiment.channels[key]
     assert np.array_equal(channel.t_ns - raw.start_ns, np.round(1e9 * channel.t).astype(np.int64))
-    assert f"stamps were shifted by {-found.mended[0].value:+.2f} s before" in what_was_mended([found])[0]
+    shift = f"{-found.mended[0].value:+.2f}".replace("-", "−")
+    assert f"stamps were shifted by {shift} s before" in what_was_mended([found])[0]
     again = compare_streams(found.experiment)
     assert abs(again.gyro.value) < 0.03
 
