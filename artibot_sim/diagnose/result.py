@@ -306,16 +306,25 @@ def headline(found: Diagnosis) -> str:
 
 def _causes(found: Diagnosis) -> str:
     """What is sure first, then what ties, and which of those the extended model has."""
-    tied = [cause for cause in found.causes if cause.ties]
-    said = [cause_words(cause) for cause in found.causes if not cause.ties]
-    said += map(_either, tied)
+    said = cause_phrases(found)
     if not said:
         return "several effects tie: these recordings cannot tell which"
+    return _one_by_one(said) + which_words(found)
+
+
+def cause_phrases(found: Diagnosis) -> list[str]:
+    """Each cause by itself: those that are sure, then what ties."""
+    tied = [cause for cause in found.causes if cause.ties]
+    return [*(cause_words(cause) for cause in found.causes if not cause.ties), *map(_either, tied)]
+
+
+def which_words(found: Diagnosis) -> str:
+    """That it is not known which of those that tie it is, and which the extended model has; empty where none ties."""
+    tied = [effect_words(cause.effect) for cause in found.causes if cause.ties]
     if not tied:
-        return _one_by_one(said)
-    has = joined([effect_words(cause.effect) for cause in tied])
-    which = f"{_one_by_one(said)}: these recordings cannot tell which"
-    return which if found.refusal is not None else f"{which}, extended.yaml has {has}"
+        return ""
+    which = ": these recordings cannot tell which"
+    return which if found.refusal is not None else f"{which}, extended.yaml has {joined(tied)}"
 
 
 def _one_by_one(said: Sequence[str]) -> str:

@@ -212,6 +212,23 @@ def test_a_force_is_said_by_what_it_comes_to(what: Unexplained, said: str) -> No
     assert force_words(what) == said
 
 
+def test_many_causes_are_a_list(named: Diagnosis) -> None:
+    (cause, *_) = named.causes
+    others = [replace(cause, effect=name, parameters={}) for name in ("payload", "bulldozing")]
+    tied = replace(cause, effect="stribeck", parameters={}, ties=("stiction",))
+    many = replace(named, causes=(cause, *others, tied), unexplained=None)
+    head = markup(many).split("<h1>")[1].split("<b>Next:</b>")[0]
+    assert head.startswith(f"4 causes. {result.gain_words(many)}</h1>")
+    assert [head.index(f"<li>{said}") for said in ("Slope: grade", "Payload", "Bulldozing")] == sorted(
+        head.index(f"<li>{said}") for said in ("Slope: grade", "Payload", "Bulldozing")
+    )
+    assert (
+        "<li>Either stribeck or stiction: these recordings cannot tell which, extended.yaml has stribeck</li>" in head
+    )
+    few = markup(replace(many, causes=(cause, tied)))
+    assert "causes. With" not in few and result.headline(replace(many, causes=(cause, tied))) in few
+
+
 def test_the_page_says_all_that_was_found(every: dict[Verdict, Diagnosis]) -> None:
     for found in every.values():
         text = markup(found)

@@ -52,6 +52,7 @@ header p.verdict.unexplained { background: var(--bad); }
 p.next { color: inherit; font-weight: 600; }
 ul { padding-left: 1.2em; margin: 6px 0; } li { margin: 4px 0; overflow-wrap: anywhere; }
 ul.said li::first-letter { text-transform: uppercase; }
+header ul.causes { font-size: 1.15rem; font-weight: 600; margin: 4px 0 10px; padding-left: 1.2em; }
 header ul.findings { max-width: 84ch; margin-bottom: 14px; }
 header ul.findings:has(+ details) { margin-bottom: 4px; }
 header details.findings { margin-bottom: 14px; }
@@ -278,6 +279,8 @@ HINT = (
     "Drag over a chart to zoom in, double-click for all; click on a legend to hide a line. "
     "With #all at the end of the address every part is open, for printing."
 )
+_MANY = 3
+"""Causes that are listed one below the other, not in a sentence."""
 _VERDICTS = {
     Verdict.NONE: "nothing found", Verdict.NAMED: "cause found", Verdict.AMBIGUOUS: "several causes tie",
     Verdict.UNEXPLAINED: "not on the list",
@@ -294,7 +297,7 @@ def page_of(found: Diagnosis, version: str) -> bytes:
     head = (
         f"{_findings(found.findings)}"
         f'<p class="verdict {found.verdict.value}">{html.escape(_answer(found))}</p>'
-        f"<h1>{html.escape(result.headline(found))}</h1>"
+        f"{_headline(found)}"
         f'<p class="sure">{html.escape(result.sureness(found))}</p>'
         f"{paragraph(result.not_named(found), 'sure')}"
         f"{_more(found)}"
@@ -302,6 +305,16 @@ def page_of(found: Diagnosis, version: str) -> bytes:
     )
     title = f"{found.robot.name}: {_answer(found)}"
     return render_frame(title, head, parts, _foot(found, version), page.charts, css=CSS, script=SCRIPT)
+
+
+def _headline(found: Diagnosis) -> str:
+    """The answer in one sentence; of many causes a list, below what all of them are worth."""
+    causes = result.cause_phrases(found)
+    if len(causes) < _MANY or found.unexplained is not None:
+        return f"<h1>{html.escape(result.headline(found))}</h1>"
+    causes[-1] += result.which_words(found)
+    gained = f"{len(causes)} causes. {result.gain_words(found)}".strip()
+    return f"<h1>{html.escape(gained)}</h1>{listed([f'{one[:1].upper()}{one[1:]}' for one in causes], 'causes')}"
 
 
 def _answer(found: Diagnosis) -> str:
