@@ -244,7 +244,7 @@ RATE_HALF_WIDTH = 0.05
 """s around an instant whose yaw rates and articulation angles count."""
 TORQUE_OF_CURRENT = "torque"
 """Quantity of a motor on the channel of currents: its torque by them, N m, once it is known how they go together."""
-ITS_DEVIATION = "torque_deviation"
+TORQUE_DEVIATION = "torque_deviation"
 """How exactly currents say that: a standard deviation, N m."""
 _EXACT = 1e-5  # m or rad: measurements with less noise are taken as they are, not smoothed
 
@@ -336,7 +336,7 @@ class Measured:
     def torque_deviation(self, motors: tuple[str, ...]) -> float:
         """Return the standard deviation, N m, of torques of these motors that currents say; NaN of measured ones."""
         torques, currents = (self.experiment.channels.get(key) for key in ("motor_torques", "motor_currents"))
-        name = f"{motors[0]}.{ITS_DEVIATION}"
+        name = f"{motors[0]}.{TORQUE_DEVIATION}"
         measured = torques is not None and f"{motors[0]}.effort" in torques
         return float("nan") if measured or currents is None or name not in currents else float(currents[name][0])
 

@@ -19,7 +19,7 @@ from artibot_sim.estimation.parameters import Prior
 from artibot_sim.estimation.windows import predecessors
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.columns import Channel
-from artibot_sim.experiment.measured import ITS_DEVIATION, TORQUE_OF_CURRENT
+from artibot_sim.experiment.measured import TORQUE_DEVIATION, TORQUE_OF_CURRENT
 from artibot_sim.experiment.smoothing import fresh
 from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
@@ -378,7 +378,7 @@ def _converted(
     columns = {}
     for k, motor in enumerate(driven(robot)):
         columns[f"{motor}.{TORQUE_OF_CURRENT}"] = own[order, k]
-        columns[f"{motor}.{ITS_DEVIATION}"] = np.full(len(order), sd)
+        columns[f"{motor}.{TORQUE_DEVIATION}"] = np.full(len(order), sd)
     units = dict.fromkeys(columns, "N·m")
     channel = Channel(raw.topic, ns, (ns - experiment.start_ns) / 1e9, ns, columns, units)
     return replace(experiment, channels={**experiment.channels, "motor_currents": channel})

@@ -15,7 +15,7 @@ from artibot_sim.model.effects import parts
 from artibot_sim.model.robot.quantity import Quantity
 
 if TYPE_CHECKING:
-    from artibot_sim.model.robot.parameters import Params, SensorErrors
+    from artibot_sim.model.robot.parameters import MotorParams, Params, SensorErrors
 
 Array = NDArray[np.float64]
 
@@ -197,6 +197,14 @@ def number(
 def choice(names: tuple[str, ...], doc: str) -> EffectParameter:
     """Declare a parameter that is one of several names; the first stands where none is given."""
     return EffectParameter(Choice(names, doc), names[0])
+
+
+def with_every_motor(p: Params, changed: Callable[[MotorParams], MotorParams]) -> Params:
+    """Parameters of a rover all four of whose motors, with gears and wheels, are changed alike."""
+    return p._replace(
+        right_front=changed(p.right_front), left_front=changed(p.left_front),
+        right_back=changed(p.right_back), left_back=changed(p.left_back),
+    )  # fmt: skip
 
 
 def _value(entry: Any, quantity: Quantity | Choice, key: str) -> float | str:

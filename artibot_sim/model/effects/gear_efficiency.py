@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.effects.base import Effect, Search, Values, number
+from artibot_sim.model.effects.base import Effect, Search, Values, number, with_every_motor
 
 if TYPE_CHECKING:
     from artibot_sim.model.robot.parameters import MotorParams, Params
@@ -14,12 +14,7 @@ def _adapt(p: Params, values: Values) -> Params:
     def worn(motor: MotorParams) -> MotorParams:
         return motor._replace(eta_d=min(values["scale"] * motor.eta_d, 1.0))
 
-    return p._replace(
-        right_front=worn(p.right_front),
-        left_front=worn(p.left_front),
-        right_back=worn(p.right_back),
-        left_back=worn(p.left_back),
-    )
+    return with_every_motor(p, worn)
 
 
 EFFECT = Effect(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.effects.base import Effect, Search, Values, number
+from artibot_sim.model.effects.base import Effect, Search, Values, number, with_every_motor
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.elementary import tanh
 
@@ -29,10 +29,7 @@ def _adapt(p: Params, values: Values) -> Params:
     def held(motor: MotorParams) -> MotorParams:
         return motor._replace(damping=motor.damping + motor.geared * values["torque"] / WIDTH)
 
-    return p._replace(
-        right_front=held(p.right_front), left_front=held(p.left_front),
-        right_back=held(p.right_back), left_back=held(p.left_back),
-    )  # fmt: skip
+    return with_every_motor(p, held)
 
 
 EFFECT = Effect(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.effects.base import Effect, Values, number
+from artibot_sim.model.effects.base import Effect, Values, number, with_every_motor
 from artibot_sim.model.kernels.compilation import inlined
 
 if TYPE_CHECKING:
@@ -35,10 +35,7 @@ def _adapt(p: Params, values: Values) -> Params:
     def held(motor: MotorParams) -> MotorParams:
         return motor._replace(loop=values["gain"], winding=values["integral"])
 
-    return p._replace(
-        right_front=held(p.right_front), left_front=held(p.left_front),
-        right_back=held(p.right_back), left_back=held(p.left_back),
-    )  # fmt: skip
+    return with_every_motor(p, held)
 
 
 EFFECT = Effect(

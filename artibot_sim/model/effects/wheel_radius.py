@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.effects.base import Effect, Search, Values, number
+from artibot_sim.model.effects.base import Effect, Search, Values, number, with_every_motor
 
 if TYPE_CHECKING:
     from artibot_sim.model.robot.parameters import MotorParams, Params
@@ -12,15 +12,11 @@ if TYPE_CHECKING:
 
 def _adapt(p: Params, values: Values) -> Params:
     """Only what rolls differs; the unloaded radii of eq. 15's springs stay, so that the rover's height does, too."""
-    scale = values["scale"]
 
-    def on(motor: MotorParams) -> MotorParams:
-        return motor._replace(r_w=motor.r_w * scale)
+    def worn(motor: MotorParams) -> MotorParams:
+        return motor._replace(r_w=motor.r_w * values["scale"])
 
-    return p._replace(
-        right_front=on(p.right_front), left_front=on(p.left_front),
-        right_back=on(p.right_back), left_back=on(p.left_back),
-    )  # fmt: skip
+    return with_every_motor(p, worn)
 
 
 EFFECT = Effect(

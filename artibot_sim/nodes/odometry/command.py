@@ -81,16 +81,26 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
         When a parameter or the robot is refused.
     """
     with ros_process("odometry", ros_args) as asked:
-        from artibot_sim.nodes.common.executor import light_executor
         from artibot_sim.nodes.odometry.node import OdometryNode
 
         with destroyed(built(OdometryNode, overrides, asked)) as node:
-            executor = light_executor()
+            executor = _executor()
             executor.add_node(node)
             try:
                 return int(node.run(executor))
             finally:
                 executor.shutdown()
+
+
+def _executor() -> Any:
+    """An executor that is told what has come, where rclpy has one: others ask every subscription each time."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        from rclpy.executors import SingleThreadedExecutor
+
+        return SingleThreadedExecutor()
+    return EventsExecutor()
 
 
 def measure(bag: Path, given: dict[str, Any]) -> int:
