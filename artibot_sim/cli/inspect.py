@@ -12,8 +12,10 @@ from artibot_sim.model import MOTORS
 from artibot_sim.report.files import OutputFile
 
 if TYPE_CHECKING:
-    from artibot_sim.exchange.inspection import Inspection, TopicView
+    from artibot_sim.exchange.inspection import Inspection, TopicView, Use
 
+_HALF = 0.5
+"""Share of a recording's time below which it is ready in part only."""
 _HELD = 0.05
 """Share of repeated samples that is said."""
 _NAMES = 7
@@ -78,7 +80,7 @@ def _print(found: Inspection, everything: bool) -> None:
         console.print(remark, style="dim")
     console.print()
     for use in found.uses:
-        mark, style = ("ready  ", "green") if use.ready else ("missing", "red")
+        mark, style = _mark(use)
         console.print(f"{use.name:11}", style="bold", end="")
         console.print(mark, style=style, end=" ")
         console.print("; ".join(use.lacks) if not use.ready else use.command, soft_wrap=True)
@@ -86,6 +88,13 @@ def _print(found: Inspection, everything: bool) -> None:
             console.print(f"{'':20}{limit}", style="dim")
     for line in found.advice:
         console.print(f"→ {line}", soft_wrap=True)
+
+
+def _mark(use: Use) -> tuple[str, str]:
+    """Word and colour of a use: ready, ready for a part of the recording only, or not."""
+    if not use.ready:
+        return "missing", "red"
+    return ("ready  ", "green") if use.share > _HALF else ("partly ", "yellow")
 
 
 def _own(found: Inspection, use: object) -> bool:

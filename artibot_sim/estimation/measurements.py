@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.pose_noise import PoseNoise, pose_noise, rates
 from artibot_sim.experiment import Experiment
-from artibot_sim.experiment.inputs import MotorInputs, rotations
+from artibot_sim.experiment.inputs import MOTOR_GAP, MotorInputs, is_stretch, rotations, unbroken
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.experiment.smoothing import noise_of
 from artibot_sim.model import Robot
@@ -55,10 +55,6 @@ _JUMP = 4.0
 """Change from one sample to the next, in units of its noise, that counts as a jump."""
 _FEW = 100
 """Samples of the motors from which gaps are said to be everywhere: fewer are few samples."""
-MOTOR_GAP = 0.2
-"""s without a motor sample through which no window runs."""
-
-
 PAST = 0.1
 """s between two looks at how the rover came to where it is."""
 
@@ -202,7 +198,7 @@ def _every_stretch(experiment: Experiment, robot: Robot, half_width: float) -> I
         measured = Measured(experiment, t_start, t_end)
         times = motors.between(t_start - 1e-6, t_end + 1e-6).t
         series = _series(measured, robot)
-        for a, b in _unbroken(times):
+        for a, b in filter(is_stretch, unbroken(times)):
             if any(((s.t >= a) & (s.t <= b)).sum() >= 2 for s in series if s.channel == "position"):
                 inputs = rotations(experiment, robot, a, b, half_width)
                 yield Stretch(experiment, measured, inputs, tuple(series), half_width, len(robot.trailing))
@@ -210,8 +206,8 @@ def _every_stretch(experiment: Experiment, robot: Robot, half_width: float) -> I
 
 def _nothing_together(experiment: Experiment) -> ArtibotError:
     motors = experiment.require("motor_torques")
-    topic, spans = motors.topic, [span for a, b in experiment.segments for span in _spans(motors.between(a, b).t)]
-    if spans and len(motors) >= _FEW and not any(_is_stretch(*span) for span in spans):
+    topic, spans = motors.topic, [span for a, b in experiment.segments for span in unbroken(motors.between(a, b).t)]
+    if spans and len(motors) >= _FEW and not any(map(is_stretch, spans)):
         return ArtibotError(
             f"{experiment.path}: {topic} has gaps everywhere: {len(spans) - 1} of more than {MOTOR_GAP:g} s in "
             f"{experiment.duration:.0f} s; the machine was too slow or too busy, record again"
@@ -219,26 +215,6 @@ def _nothing_together(experiment: Experiment) -> ArtibotError:
     return ArtibotError(
         f"{experiment.path}: {topic} and positions are never measured at the same time; check the recording's stamps"
     )
-
-
-def _unbroken(times: Array) -> list[tuple[float, float]]:
-    """Spans (s) without a gap of MOTOR_GAP, of at least half a second."""
-    return [span for span in _spans(times) if _is_stretch(*span)]
-
-
-def _is_stretch(first: float, last: float) -> bool:
-    """Whether a span (s) is long enough to be predicted."""
-    return last - first > 0.5
-
-
-def _spans(times: Array) -> list[tuple[float, float]]:
-    """Spans (s) without a gap of MOTOR_GAP, however short."""
-    if len(times) < 4:
-        return []
-    gap = max(MOTOR_GAP, 4.0 * float(np.median(np.diff(times))))
-    breaks = np.flatnonzero(np.diff(times) > gap)
-    firsts, lasts = np.concatenate(([0], breaks + 1)), np.concatenate((breaks, [len(times) - 1]))
-    return [(float(times[a]), float(times[b])) for a, b in zip(firsts, lasts, strict=True)]
 
 
 def _series(measured: Measured, robot: Robot) -> list[MeasuredSeries]:

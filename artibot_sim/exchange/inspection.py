@@ -11,6 +11,7 @@ import numpy as np
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import SEGMENT_GAP, Channel, Experiment
+from artibot_sim.experiment.inputs import MOTOR_GAP, is_stretch, unbroken
 from artibot_sim.experiment.messages import MANY_ROWS, READABLE
 from artibot_sim.experiment.naming import names_of
 from artibot_sim.experiment.reader import bag_info, read_bag
@@ -29,8 +30,10 @@ _STANDSTILL = 3.0
 """s without a change after which a value stands still, and is not held by a recorder that is faster than a sensor."""
 _RATES = ("velocity", "effort", "_rate", "vx", "vy")
 """Ends of the names of what is zero at a standstill."""
-_STRETCH = 0.5
-"""s that motors and positions must overlap at least, for one window."""
+_POSITIONS = 4
+"""Positions without which a prediction says nothing."""
+_WHOLE = 0.9
+"""Share of a recording that has to be of use, or how much is so is said."""
 _POSES = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseWithCovarianceStamped")
 _STAND_INS: dict[str, tuple[str, ...]] = {
     "ground_truth_odom": _POSES,
@@ -86,12 +89,14 @@ class Use:
     ready : whether the recording has all it needs.
     lacks : what is missing, or what cannot be found from it; empty if nothing.
     command : what to type, ready or not.
+    share : of the recording's time that can be used for it, where gaps take the rest.
     """
 
     name: str
     ready: bool
     lacks: tuple[str, ...]
     command: str
+    share: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -311,16 +316,20 @@ def _uses(experiment: Experiment | None, info: BagInfo, options: str) -> Iterato
     wheels, where = _motor_faults(experiment), _place_faults(experiment)
     commands = _command_faults(experiment)
     inputs = "commands" if wheels and not commands else "rotations"
-    lacks = tuple(wheels if inputs == "rotations" else commands)
+    together = None if wheels or where else _Together.of(experiment)
+    broken = tuple(together.faults(experiment) if together else ())
+    share = together.share(experiment) if together and not broken else 1.0
+    gaps = (together.limit(experiment),) if together and share < _WHOLE else ()
+    lacks = (*(wheels if inputs == "rotations" else commands), *broken)
     again = f"artibot replay {path} --resimulate {inputs} --robot {rover} --out check{options}"
-    yield Use("resimulate", not lacks, lacks, again)
-    lacks = (*wheels, *where, *(() if wheels or where else _overlap_faults(experiment)))
-    yield Use("check", not lacks, lacks, f"artibot check {path} --robot {rover}{options}")
-    limits = lacks or tuple(_limits(experiment))
-    yield Use("identify", not lacks, limits, f"artibot identify {path} --robot {rover} --out soil.yaml{options}")
+    yield Use("resimulate", not lacks, lacks or gaps, again, share)
+    lacks = (*wheels, *where, *broken)
+    yield Use("check", not lacks, lacks or gaps, f"artibot check {path} --robot {rover}{options}", share)
+    limits = lacks or (*gaps, *_limits(experiment))
+    yield Use("identify", not lacks, limits, f"artibot identify {path} --robot {rover} --out soil.yaml{options}", share)
     if not lacks and commands:
         limits = (*limits, "no front speeds on /motor_command: no delay, lag or dead band can be found")
-    yield Use("diagnose", not lacks, limits, f"artibot diagnose {path} --robot {rover} --out found{options}")
+    yield Use("diagnose", not lacks, limits, f"artibot diagnose {path} --robot {rover} --out found{options}", share)
 
 
 def _motor_faults(experiment: Experiment) -> list[str]:
@@ -354,13 +363,81 @@ def _place_faults(experiment: Experiment) -> list[str]:
     return ["where the rover went: /total_station/point or /ground_truth/odom"]
 
 
-def _overlap_faults(experiment: Experiment) -> list[str]:
-    """Whether motors and positions were ever measured at the same time."""
-    place = experiment.channels.get("total_station") or experiment.channels["ground_truth_odom"]
-    motors = experiment.channels["motor_torques"]
-    if min(place.t[-1], motors.t[-1]) - max(place.t[0], motors.t[0]) >= _STRETCH:
+def _place(experiment: Experiment) -> Channel:
+    """Where the rover went, of what is there the first that `identify` takes."""
+    return experiment.channels.get("total_station") or experiment.channels["ground_truth_odom"]
+
+
+def _length(spans: Sequence[tuple[float, float]]) -> float:
+    return sum(last - first for first, last in spans)
+
+
+@dataclass(frozen=True)
+class _Together:
+    """When motors and positions were measured together.
+
+    Attributes
+    ----------
+    spans : all times (s) between two gaps of the motors.
+    stretches : those long enough for a prediction.
+    parts : of these, what lies between two gaps of the positions.
+    """
+
+    spans: tuple[tuple[float, float], ...]
+    stretches: tuple[tuple[float, float], ...]
+    parts: tuple[tuple[float, float], ...]
+
+    @staticmethod
+    def of(experiment: Experiment) -> _Together:
+        """Look for them as `identify` does, which predicts through no gap of the motors."""
+        motors, place = experiment.channels["motor_torques"], _place(experiment)
+        spans = [span for first, last in experiment.segments for span in unbroken(motors.between(first, last).t)]
+        stretches = [span for span in spans if is_stretch(span)]
+        parts: list[tuple[float, float]] = []
+        for first, last in stretches:
+            t, _ = place.between(first, last).series("x")
+            if len(t) < _POSITIONS:
+                continue
+            gaps = _gaps(place, [(float(t[0]), float(t[-1]))])
+            starts = [float(t[0]), *(start + length for start, length in gaps)]
+            parts += zip(starts, [*(start for start, _ in gaps), float(t[-1])], strict=True)
+        return _Together(tuple(spans), tuple(stretches), tuple(parts))
+
+    @property
+    def seconds(self) -> float:
+        """For how long both were measured, s."""
+        return _length(self.parts)
+
+    def share(self, experiment: Experiment) -> float:
+        """The same, of the recording's time."""
+        return min(1.0, self.seconds / experiment.duration) if experiment.duration else 1.0
+
+    def faults(self, experiment: Experiment) -> list[str]:
+        """What keeps everything from being predicted."""
+        motors, place = experiment.channels["motor_torques"].topic, _place(experiment).topic
+        if not self.stretches:
+            return [f"motors without gaps: {motors} {self._motor_gaps(experiment)}, and no half a second without one"]
+        if not self.parts:
+            return [f"{place} and {motors} at the same time (stamps of two clocks?)"]
         return []
-    return [f"{place.topic} and {motors.topic} at the same time (stamps of two clocks?)"]
+
+    def limit(self, experiment: Experiment) -> str:
+        """How much of a recording with gaps can be used, and what is silent."""
+        motors, place = experiment.channels["motor_torques"].topic, _place(experiment).topic
+        longest = max(last - first for first, last in self.parts)
+        several = len(self.spans) > 1
+        causes = [f"{motors} {self._motor_gaps(experiment)}"] if several else []
+        silent = _length(self.stretches) - self.seconds
+        if silent > SEGMENT_GAP:
+            causes.append(f"{place} is missing for {silent:.1f} s{' between these' if several else ''}")
+        said = f": {'; '.join(causes)}" if causes else ""
+        return (
+            f"gaps: motors and positions together in {self.seconds:.1f} of {experiment.duration:.1f} s, "
+            f"{longest:.1f} s at a time at most{said}"
+        )
+
+    def _motor_gaps(self, experiment: Experiment) -> str:
+        return f"has {len(self.spans) - 1} gaps of more than {MOTOR_GAP:g} s in {experiment.duration:.0f} s"
 
 
 def _limits(experiment: Experiment) -> Iterator[str]:

@@ -27,6 +27,25 @@ HALF_WIDTH = 0.04
 GAP = 0.5
 """Silence of a command, s, after which the motor is taken to have been told to stand."""
 _KNOT = 0.01
+MOTOR_GAP = 0.2
+"""s without a motor sample through which no prediction runs."""
+_SHORTEST = 0.5
+"""s that motors are measured without a gap at least, for a prediction."""
+
+
+def unbroken(times: Floats) -> list[tuple[float, float]]:
+    """Spans (s) of the motors' stamps without a gap of MOTOR_GAP, however short."""
+    if len(times) < 4:
+        return []
+    gap = max(MOTOR_GAP, 4.0 * float(np.median(np.diff(times))))
+    breaks = np.flatnonzero(np.diff(times) > gap)
+    firsts, lasts = np.concatenate(([0], breaks + 1)), np.concatenate((breaks, [len(times) - 1]))
+    return [(float(times[a]), float(times[b])) for a, b in zip(firsts, lasts, strict=True)]
+
+
+def is_stretch(span: tuple[float, float]) -> bool:
+    """Whether a span (s) is long enough to be predicted."""
+    return span[1] - span[0] > _SHORTEST
 
 
 @dataclass(frozen=True)

@@ -127,6 +127,48 @@ def test_identify_names_what_it_lacks_and_does_so_itself(tmp_path: Path, keys: s
         assert stretches(read_bag(path), load_robot("husky"))
 
 
+T60 = np.arange(0, 60, 0.02)
+EVERYWHERE = np.ones(len(T60), bool)
+
+
+@pytest.mark.parametrize(
+    ("motors", "positions", "share", "said"),
+    [
+        (T60 % 0.9 < 0.5, EVERYWHERE, None, "motors without gaps: /motor_torques has 66 gaps of more than 0.2 s"),
+        (T60 % 8 < 4, T60 % 8 > 4, None, "/ground_truth/odom and /motor_torques at the same time"),
+        (EVERYWHERE, T60 % 20 < 0.06, 0.0, "0.1 of 60.0 s, 0.1 s at a time at most: /ground_truth/odom is missing"),
+        (EVERYWHERE, T60 % 3 < 0.3, 0.09, "5.6 of 60.0 s, 0.3 s at a time at most: /ground_truth/odom is missing for"),
+        (T60 % 4 < 1.5, T60 % 4 < 1.5, 0.39, "1.5 s at a time at most: /motor_torques has 14 gaps"),
+        (EVERYWHERE, EVERYWHERE, 1.0, ""),
+    ],
+    ids=["motors-everywhere", "in-turns", "three-places", "positions", "both", "none"],
+)
+def test_gaps_are_named_for_what_cannot_bridge_them(
+    tmp_path: Path, motors: np.ndarray, positions: np.ndarray, share: float | None, said: str
+) -> None:
+    """A recording full of gaps is not simply ready: what is refused is missing, what holds for a part is said so."""
+    from artibot_sim.estimation.measurements import stretches
+    from artibot_sim.estimation.windows import cut
+    from artibot_sim.model import load_robot
+
+    speeds = {f"{side}.velocity": 3.0 + 0.1 * np.sin(T60[motors]) for side in ("front_right", "front_left")}
+    place = {"x": 0.5 * T60[positions], "y": 0.1 * T60[positions], "yaw": 0.0 * T60[positions]}
+    tables = {"motor_torques": (T60[motors], speeds), "ground_truth_odom": (T60[positions], place)}
+    path = recording(tmp_path / "run", tables).path
+    found = inspect_recording(path)
+    for one in (entry for entry in found.uses if entry.name != "plot"):
+        assert one.ready == (share is not None), one.name
+        assert said in "; ".join(one.lacks), one.name
+        if share is not None:
+            assert one.share == pytest.approx(share, abs=0.01)
+    husky = load_robot("husky")
+    if share is None:  # what inspect says is missing, identify refuses
+        with pytest.raises(ArtibotError):
+            stretches(read_bag(path), husky)
+    else:
+        assert cut(stretches(read_bag(path), husky), husky, 2.0)
+
+
 def test_one_sided_motors_are_named(tmp_path: Path) -> None:
     ready, lacks = use(inspect_recording(bag(tmp_path / "run", motors=("front_right",))), "identify")
     assert not ready
