@@ -57,7 +57,8 @@ class MotorInputs:
     t : (n,) knots, s, `dt` apart.
     dt : s.
     position, velocity : (n, 4) rad, rad/s, motor-side; NaN columns for motors without. A column each of `Robot.motors`.
-    torque : (n, 4) N·m, held from its knot on; NaN for eq. 30.
+    torque : (n, 4) N·m, held from its knot on; NaN for eq. 30. Of motors that turn as measured it is what was measured,
+        smoothed, which says between which efficiencies to choose; NaN where nothing was.
     modes : of the motors.
     measured_position, measured_velocity : (n, 4) what the encoders say, for start states; NaN where nothing is known.
     from_speeds : whether nothing but its speed was recorded of a motor; none by default.
@@ -111,8 +112,9 @@ def rotations(
             )
     turned = np.isfinite(velocity).all(axis=0)
     torque = np.full_like(velocity, np.nan)
-    for i in np.flatnonzero(~turned).tolist():
-        torque[:, i] = _held(motors, f"{robot.motors[i]}.effort", t)
+    for i, motor in enumerate(robot.motors):
+        by = _smoothed if turned[i] else _held
+        torque[:, i] = by(motors, f"{motor}.effort", t)
     modes = tuple(Mode.PRESCRIBED if given else Mode.TORQUE for given in turned)
     return MotorInputs(t, _KNOT, position, velocity, torque, modes, position, velocity, _from_speeds(motors, robot))
 
@@ -237,6 +239,20 @@ def _held(channel: Channel, name: str, t: Floats) -> Floats:
     times, values = channel.series(name)
     at = np.searchsorted(times, t + 1e-6, side="right") - 1
     return np.where(at >= 0, values[np.maximum(at, 0)], np.nan)
+
+
+def _smoothed(channel: Channel, name: str, t: Floats) -> Floats:
+    """Return values at knots by lines fitted over as long as rotations; NaN where nothing is recorded."""
+    if name not in channel:
+        return np.full(len(t), np.nan)
+    times, values = channel.series(name)
+    new = fresh(values)
+    times, values = times[new], values[new]
+    found = np.full(len(t), np.nan)
+    if len(times) > 3:
+        near = np.abs(times[np.clip(np.searchsorted(times, t), 0, len(times) - 1)] - t) <= GAP
+        found[near] = local_fit(times, values, t[near], HALF_WIDTH, 1)[0]
+    return found
 
 
 # ----------------------------------------------------------------------

@@ -100,6 +100,25 @@ def test_compiled_steps_equal_plain_ones(name: str, modes, integrator: str, dt: 
     assert np.max(np.abs(got - want) / scale) < 1e-12
 
 
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_measured_torques_choose_efficiencies_as_in_plain_steps(integrator: str) -> None:
+    """Also where rotors ask for about as much as the wheels, which leaves the efficiency open."""
+    robot, modes, settled = load_robot("agriq"), MODES["all prescribed"], 0
+    for seed in range(8):
+        ends = []
+        for torque in (True, False):
+            rng = np.random.default_rng(seed)
+            start, order = moving_state(robot, rng), commands(robot, rng, torque)
+            fast = rollout(robot, order, dt=DT, modes=modes, state=start, integrator=integrator).final_state
+            plain = plain_run(robot, start, order, modes, 1.0, integrator)
+            np.testing.assert_allclose(fast.torque, plain[36:40], rtol=1e-10)
+            np.testing.assert_array_equal(fast.eta, plain[32:36])
+            ends.append(fast)
+        np.testing.assert_array_equal(ends[0].q, ends[1].q)  # prescribed motors move as they are told
+        settled += int((ends[0].eta != ends[1].eta).sum())
+    assert settled > 2
+
+
 @pytest.mark.parametrize("switch", ["readings.literal_eq22", "readings.literal_eq9"])
 def test_literal_readings_are_computed_and_differ(switch: str) -> None:
     rng = np.random.default_rng(3)

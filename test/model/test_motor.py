@@ -11,6 +11,8 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, load_robot, rollout, save_robot
 from artibot_sim.model.analysis.stability import largest_step
 from artibot_sim.model.effects import EFFECTS
+from artibot_sim.model.equations.transmission import drives_next
+from artibot_sim.model.kernels.compilation import kernel
 from artibot_sim.model.robot.derived import params
 from artibot_sim.model.robot.file import robot_from_dict, robot_to_dict
 from artibot_sim.model.robot.robot import MOTOR_EFFECTS, Motor
@@ -216,3 +218,31 @@ def test_steps_up_to_the_longest_allowed_do_not_grow(agriq):
     h = 1e-2 / np.ceil(1e-2 / longest)
     run, fine = (straight(robot, dt=dt, integrator="rk4").final_state for dt in (h, h / 4))
     assert np.abs(run.v - fine.v)[6:8].max() < 0.5
+
+
+@kernel
+def drives_then(M_gear, theta_dot, rotor, inverse_eta, inverse_eta_d, eta_r, measured):
+    return drives_next(M_gear, theta_dot, rotor, inverse_eta, inverse_eta_d, eta_r, measured)
+
+
+def test_a_measured_torque_settles_the_efficiency_whichever_a_motor_had():
+    """Of random rotors, gears, loads and rotations: whichever efficiency agrees with the torque that it gives is found.
+
+    From either efficiency, with noise of less than half of what lies between the torques of both. Without a measured
+    torque a motor keeps the one that it has as long as that agrees: eq. 23 as the paper has it.
+    """
+    rng, open_cases = np.random.default_rng(1), 0
+    for _ in range(2000):
+        eta_d, eta_r = rng.uniform(0.3, 1.0, 2)
+        rotor, wheels, speed = rng.normal(size=3)
+        torques = {True: rotor + wheels / eta_d, False: rotor + wheels * eta_r}
+        inverse = {True: 1.0 / eta_d, False: eta_r}
+        agree = [drives for drives in torques if (torques[drives] * speed >= 0.0) == drives]
+        open_cases += len(agree) == 2
+        noise = 0.49 * rng.uniform(-1.0, 1.0) * abs(torques[True] - torques[False])
+        for had in torques:
+            given = (torques[had], speed, rotor, inverse[had], 1.0 / eta_d, eta_r)
+            for true in agree:
+                assert drives_then(*given, torques[true] + noise) == true
+            assert drives_then(*given, np.nan) == (torques[had] * speed >= 0.0)
+    assert open_cases > 50

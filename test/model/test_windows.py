@@ -9,7 +9,7 @@ import pytest
 from model.effects import SEVERITY_1
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model import Commands, Mode, Robot, load_robot, rollout
+from artibot_sim.model import Commands, Mode, Robot, State, load_robot, rollout
 from artibot_sim.model.effects.residual_force import FORCES
 from artibot_sim.model.robot.robot import unchecked
 from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, SamplingPlan
@@ -172,3 +172,29 @@ def test_stiffer_robots_ask_for_shorter_steps() -> None:
     for robots in ([harder], [stiff], [husky, stiff], [held]):
         assert not batch.suits(robots)
     np.testing.assert_array_equal(batch.halved.run([stiff], items), replace(batch, dt=5e-3).run([stiff], items))
+
+
+@pytest.mark.parametrize("one_by_one", [False, True])
+def test_measured_torques_say_which_efficiency_an_idle_motor_has(one_by_one: bool) -> None:
+    """Eq. 23 has two where a motor that pulls next to nothing slows down.
+
+    Back motors brake for half a second, then pull a few thousandths of that, while the rover slows down all the time.
+    Turned as they turned, the model has their torques where they are measured, and goes on braking without.
+    """
+    robot, t = load_robot("epiq"), np.arange(0.0, 3.005, 0.01)
+    fast = 0.4 / robot.wheel.r_w / robot.drive.front.tau
+    speed = (fast * np.interp(t, [0.0, 0.5, 1.0, 3.0], [0.0, 1.0, 1.0, 0.1]))[:, None] * [1.0, 1.0, np.nan, np.nan]
+    pull = np.interp(t, [1.0, 1.01, 1.5, 1.51], [0.0, -3e-5, -3e-5, 1e-6])[:, None] * [0.0, 0.0, 1.0, 1.0]
+    made = rollout(robot, Commands(0.01, speed, torque=pull), dt=2.5e-4, every=40)
+    at = np.arange(1.2, 2.5, 0.02)
+    names = ["torque_back_right", "torque_back_left", *(["grip"] if one_by_one else [])]
+    plan = SamplingPlan(np.tile(at - 1.0, len(names)), np.repeat([KINDS.index(name) for name in names], len(at)))
+    start, off = State(0.0, made.q[100], made.v[100], np.full(4, 0.8), np.zeros(4)), []
+    for measured in (made.motor_torque, np.full_like(pull, np.nan)):
+        table = MotorTable(0.01, made.motor_position.copy(), made.motor_velocity.copy(), measured.copy(), ALL)
+        found = WindowBatch([table], [plan], 2.5e-4, 1).run([robot], _items([start], 100, 200))[0]
+        wanted = np.column_stack([np.interp(at, t, made.motor_torque[:, i]) for i in (2, 3)]).T
+        settled = np.abs(at - 1.5) > 0.1  # there the torque changes by 3e-5 between two knots
+        off.append(np.abs(found[: 2 * len(at)].reshape(2, -1) - wanted)[:, settled])
+    assert off[0].max() < 1e-8
+    assert np.median(off[1]) > 1e-5

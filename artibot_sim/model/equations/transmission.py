@@ -80,6 +80,35 @@ def driving(M_gear, theta_dot):
 
 
 @inlined
+def drives_next(M_gear, theta_dot, rotor, inverse_eta, inverse_eta_d, eta_r, measured):
+    """Eq. 23 for the next step: whether a motor drives its gear, see `driving`; a measured torque settles what is open.
+
+    The rotor's inertia acts before the gear as well, and eq. 23 goes by the torque with it. So where a rotor and the
+    wheels ask for torques of opposite signs, which they do while an idle motor slows down, both efficiencies may agree
+    with the sign of the torque that they give, or neither: of a rotation alone either may be right. Then the torque
+    decides that is nearer to the measured one.
+
+    Parameters
+    ----------
+    M_gear : float
+        Torque of the motor less what drags on its shaft, by the efficiency that this step has, N m.
+    rotor : float
+        J_m times the motor's acceleration, N m.
+    inverse_eta, inverse_eta_d, eta_r : float
+        1 over the efficiency of this step, and what it is of a motor that drives its gear and of one that brakes it.
+    measured : float
+        As `M_gear`; NaN where nothing is measured: then what this step has stays as long as it agrees with its torque.
+    """
+    # torques times the efficiency's inverse in use, which spares a division
+    at_wheels, at_rotor, seen = M_gear - rotor, rotor * inverse_eta, measured * inverse_eta
+    M_d, M_r = at_rotor + inverse_eta_d * at_wheels, at_rotor + eta_r * at_wheels
+    drives, brakes = driving(M_d, theta_dot), not driving(M_r, theta_dot)
+    if seen != seen:
+        return driving(M_gear, theta_dot)
+    return drives if drives != brakes else abs(seen - M_d) <= abs(seen - M_r)
+
+
+@inlined
 def reflect(tau, J_m, J_w, inverse_eta):
     """Gear ratio tau/eta from wheel torque to motor torque, and inertia J_m + J_w tau²/eta (eq. 21)."""
     gear = tau * inverse_eta

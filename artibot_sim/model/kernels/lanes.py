@@ -19,10 +19,11 @@ from artibot_sim.model.equations.plane import (
 )
 from artibot_sim.model.equations.transmission import (
     DRIVEN,
+    PRESCRIBED,
     ROLLING_WIDTH,
     TORQUE,
     axle_torque,
-    driving,
+    drives_next,
     follow,
     motor_equation,
     reflect,
@@ -152,8 +153,12 @@ def feed_back(S, fx):
     """What the next step takes from the start of this one: torques (eq. 30) and efficiencies (eq. 23)."""
     for j in range(4 * LANES):
         torque = S[AT.TORQUE + j]
-        through_gear = torque - S[AT.DRAG + j] if fx is not None else torque
-        drives = 1.0 if driving(through_gear, S[AT.V + MOTORS + j]) else 0.0  # a choice of places is no vector code
+        drag = S[AT.DRAG + j] if fx is not None else 0.0
+        measured = S[AT.GIVEN + j] if S[AT.MODE + j] == PRESCRIBED else math.nan
+        drives = 1.0 if drives_next(  # a choice of places is no vector code
+            torque - drag, S[AT.V + MOTORS + j], S[AT.J_M + j] * S[AT.ACC + MOTORS + j], S[AT.GEAR + j],
+            S[AT.DRIVING + j], S[AT.BRAKING + j], measured - drag,
+        ) else 0.0  # fmt: skip
         S[AT.PREVIOUS + j] = torque
         S[AT.GEAR + j] = drives * S[AT.DRIVING + j] + (1.0 - drives) * S[AT.BRAKING + j]
 

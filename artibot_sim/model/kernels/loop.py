@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.equations.dynamics import module_gravity
-from artibot_sim.model.equations.transmission import TORQUE, driving
+from artibot_sim.model.equations.transmission import PRESCRIBED, TORQUE, drives_next
 from artibot_sim.model.kernels.compilation import inlined, kernel
 from artibot_sim.model.kernels.elementary import cubic_at, cubic_between
 from artibot_sim.model.kernels.energy import powers
 from artibot_sim.model.kernels.integrators import (
     D_DDOT,
     D_DOT,
+    EFFICIENCY,
     HELD,
     TORQUE_D,
     D,
@@ -94,24 +95,37 @@ def mean_acceleration(cubic, s, dt, drive):
 
 @inlined
 def commanded_torques(torque_d, knot, back_factor, previous, modes, hold):
-    """Torques held through a step, of motors under torque: commanded ones, or eq. 30 from the step before (NaN)."""
+    """Torques held through a step, of motors under torque: commanded ones, or eq. 30 from the step before (NaN).
+
+    Of prescribed motors they are what was measured, if anything: see `transmission.drives_next`.
+    """
     i = min(knot, torque_d.shape[0] - 1)
     shared = back_factor * (previous[0] + previous[1])
     for motor in range(4):
         given = torque_d[i, motor]
         torque = given if not math.isnan(given) else (shared if motor > 1 else 0.0)
-        hold[TORQUE_D + motor] = torque if modes[motor] == TORQUE else math.nan
+        measured = given if modes[motor] == PRESCRIBED else math.nan
+        hold[TORQUE_D + motor] = torque if modes[motor] == TORQUE else measured
 
 
 @inlined
-def feed_back(p, fx, v, w, eta, previous):
+def feed_back(p, fx, v, w, modes, hold, eta, previous):
     """What the next step takes from this one: efficiencies (eq. 23) and the torques of eq. 30 (Fig. 7)."""
     for motor in range(motor_count(p)):
-        previous[motor] = through_gear = w[M_M + motor]
-        if fx is not None:
-            through_gear -= w[M_D + motor]
-        unit = motor_of(p, motor)
-        eta[motor] = unit.eta_d if driving(through_gear, v[coordinate_of(motor)]) else 1.0 / unit.eta_r
+        previous[motor], c = w[M_M + motor], coordinate_of(motor)
+        drag = w[M_D + motor] if fx is not None else 0.0
+        eta[motor] = next_efficiency(motor_of(p, motor), w[M_M + motor], drag, v[c], w[ACC + c], motor, modes, hold)
+
+
+@inlined
+def next_efficiency(unit, M_m, drag, theta_dot, theta_ddot, motor, modes, hold):
+    """Efficiency of a motor for the next step (eq. 23), from its torque, `drag` (N m) and rotation in this one."""
+    measured = hold[TORQUE_D + motor] - drag if modes[motor] == PRESCRIBED else math.nan
+    drives = drives_next(
+        M_m - drag, theta_dot, unit.J_m * theta_ddot, 1.0 / hold[EFFICIENCY + motor], 1.0 / unit.eta_d, unit.eta_r,
+        measured,
+    )  # fmt: skip
+    return unit.eta_d if drives else 1.0 / unit.eta_r
 
 
 @inlined
@@ -305,7 +319,7 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
                     row += 1
                 if step == steps or stopped:
                     return (STOPPED if stopped else OK), row
-                feed_back(p, fx, v, w, eta_next, previous)
+                feed_back(p, fx, v, w, inputs.modes, hold, eta_next, previous)
             if out_e is not None and energies:
                 add_powers(q_s, v_s, p, fx, ground, w, stage_weight(k) * dt, e, pw)
             next_state(k, q, v, dt, w, q_s, v_s, first, total)
@@ -350,7 +364,7 @@ def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, m
             for i in range(16):
                 q[i], v[i] = q_old[i], v_old[i]
             break
-        feed_back(p, fx, v, w, eta, previous)
+        feed_back(p, fx, v, w, inputs.modes, hold, eta, previous)
         if fx is not None:
             lags_after(count, memory, dt, lag)
         if out_e is not None and energies:

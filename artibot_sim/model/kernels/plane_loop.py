@@ -6,7 +6,6 @@ They take what those take and give the same to rounding. A rover that does not s
 from __future__ import annotations
 
 from artibot_sim.model.equations.dynamics import module_gravity
-from artibot_sim.model.equations.transmission import driving
 from artibot_sim.model.kernels.compilation import inlined, kernel
 from artibot_sim.model.kernels.energy import level_powers
 from artibot_sim.model.kernels.integrators import begin_loops, wind_up
@@ -20,6 +19,7 @@ from artibot_sim.model.kernels.loop import (
     lags_after,
     lags_of,
     mean_acceleration,
+    next_efficiency,
     next_lag,
     prepare,
     sound,
@@ -107,23 +107,21 @@ def middle(a, b):
 
 
 @inlined
-def feed_torques(p, fx, now, v, eta, previous):
+def feed_torques(p, fx, now, v, modes, hold, eta, previous):
     """What the next step takes from this one, see `loop.feed_back`."""
     right, left, right_b, left_b = now.acting
-    feed_torque(fx, p.right_front, right, v[6], MOTOR[0], eta, previous)
-    feed_torque(fx, p.left_front, left, v[7], MOTOR[1], eta, previous)
+    feed_torque(fx, p.right_front, right, v[6], MOTOR[0], modes, hold, eta, previous)
+    feed_torque(fx, p.left_front, left, v[7], MOTOR[1], modes, hold, eta, previous)
     if p.two:
-        feed_torque(fx, p.right_back, right_b, v[8], MOTOR[2], eta, previous)
-        feed_torque(fx, p.left_back, left_b, v[9], MOTOR[3], eta, previous)
+        feed_torque(fx, p.right_back, right_b, v[8], MOTOR[2], modes, hold, eta, previous)
+        feed_torque(fx, p.left_back, left_b, v[9], MOTOR[3], modes, hold, eta, previous)
 
 
 @inlined
-def feed_torque(fx, unit, acting, theta_dot, motor, eta, previous):
+def feed_torque(fx, unit, acting, theta_dot, motor, modes, hold, eta, previous):
     """As `feed_torques` for one motor."""
-    previous[motor] = through_gear = acting.M_m
-    if fx is not None:
-        through_gear -= acting.drag
-    eta[motor] = unit.eta_d if driving(through_gear, theta_dot) else 1.0 / unit.eta_r
+    previous[motor], drag = acting.M_m, acting.drag if fx is not None else 0.0
+    eta[motor] = next_efficiency(unit, acting.M_m, drag, theta_dot, acting.theta_ddot, motor, modes, hold)
 
 
 @inlined
@@ -188,7 +186,7 @@ def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
                     row += 1
                 if step == steps:
                     return OK, row
-                feed_torques(p, fx, now, v_k, eta_next, previous)
+                feed_torques(p, fx, now, v_k, inputs.modes, hold, eta_next, previous)
             if out_e is not None and energies:
                 level_powers(at, p, fx, motions(q_k, v_k), trig, q_k, v_k, now, hold, stage_weight(k) * dt, e)
             q_k, v_k, first, total = next_ten(k, dt, here, rate, v_k, a, first, total)
@@ -238,7 +236,7 @@ def level_semi(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
             row += 1
         if step == steps:
             break
-        feed_torques(p, fx, now, new, eta, previous)
+        feed_torques(p, fx, now, new, inputs.modes, hold, eta, previous)
         if fx is not None:
             lags_after(count, memory, dt, lag)
         if out_e is not None and energies:

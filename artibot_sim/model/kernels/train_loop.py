@@ -37,7 +37,7 @@ from artibot_sim.model.equations.dynamics import (
     write_loads,
 )
 from artibot_sim.model.equations.kinematics import joint, sincos_small
-from artibot_sim.model.equations.transmission import TORQUE, driving, reflect
+from artibot_sim.model.equations.transmission import PRESCRIBED, TORQUE, reflect
 from artibot_sim.model.kernels.compilation import inlined, kernel
 from artibot_sim.model.kernels.elementary import cubic_at, cubic_between, sincos
 from artibot_sim.model.kernels.energy import motor_powers, wheel_powers
@@ -90,7 +90,7 @@ from artibot_sim.model.kernels.layout import (
     Y,
     Z,
 )
-from artibot_sim.model.kernels.loop import DIVERGED, LIMIT, OK, remembered
+from artibot_sim.model.kernels.loop import DIVERGED, LIMIT, OK, next_efficiency, remembered
 from artibot_sim.model.kernels.steps import (
     next_stage,
     next_stage_of_lag,
@@ -495,7 +495,8 @@ def hold_step(modules, inputs, knot, eta, previous, hold):
                 hold[i, EFFICIENCY + side], hold[i, GEAR + side] = eta[i, side], gear
                 hold[i, INERTIA + side], hold[i, INVERSE + side] = J, 1.0 / J
             torque = given[side] if not math.isnan(given[side]) else inputs.share[i] * shared
-            hold[i, TORQUE_D + side] = torque if inputs.modes[i, side] == TORQUE else math.nan
+            measured = given[side] if inputs.modes[i, side] == PRESCRIBED else math.nan
+            hold[i, TORQUE_D + side] = torque if inputs.modes[i, side] == TORQUE else measured
 
 
 @inlined
@@ -525,15 +526,15 @@ def commands_at(cubic, s, modes, drive):
 
 
 @inlined
-def feed_back(modules, fx, v, w, eta, previous):
+def feed_back(modules, fx, v, w, modes, hold, eta, previous):
     """What the next step takes from this one: efficiencies (eq. 23) and the torques of eq. 30 (Fig. 7)."""
     for i in range(len(modules)):
         for side in range(2):
-            unit = motor_of(modules[i], side)
-            previous[i, side] = through_gear = w[i, M_M + side]
-            if fx is not None:
-                through_gear -= w[i, M_D + side]
-            eta[i, side] = unit.eta_d if driving(through_gear, v[i, THETA_R + side]) else 1.0 / unit.eta_r
+            previous[i, side], c = w[i, M_M + side], THETA_R + side
+            drag = w[i, M_D + side] if fx is not None else 0.0
+            eta[i, side] = next_efficiency(
+                motor_of(modules[i], side), w[i, M_M + side], drag, v[i, c], w[i, ACC + c], side, modes[i], hold[i]
+            )
 
 
 @inlined
@@ -685,7 +686,7 @@ def train_rk4(state, modules, joints, inputs, grid, work, out, out_e, fx=None, m
                     row += 1
                 if step == steps:
                     return OK, row
-                feed_back(modules, fx, v, w, eta_next, previous)
+                feed_back(modules, fx, v, w, inputs.modes, hold, eta_next, previous)
             if out_e is not None:
                 add_powers(q_s, v_s, modules, fx, w, stage_weight(k) * dt, e, pw)
             next_state(k, q, v, dt, w, q_s, v_s, first, total)
@@ -733,7 +734,7 @@ def train_semi_implicit(state, modules, joints, inputs, grid, work, out, out_e, 
         for i in range(len(modules)):
             for c in range(8):
                 q[i, c], v[i, c] = semi_implicit(dt, q[i, c], v[i, c], w[i, ACC + c], Z <= c <= BETA)
-        feed_back(modules, fx, v, w, eta, previous)
+        feed_back(modules, fx, v, w, inputs.modes, hold, eta, previous)
         if fx is not None:
             for i in range(len(modules)):
                 for c in range(count):

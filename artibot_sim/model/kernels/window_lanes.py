@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.model.equations.transmission import TORQUE
 from artibot_sim.model.kernels.compilation import inlined, kernel
 from artibot_sim.model.kernels.lane_layout import AT, BLOCK, EFFECT_VALUES, LANES, aligned, effects_at, line_up_stack
 from artibot_sim.model.kernels.lane_loading import load_lane, load_motors
@@ -151,15 +150,17 @@ def load_knot(S, work, order, block, knot, h):
     leave_knot(S)
     for e in range(LANES):
         i = item_of(order, block, e)
-        r, last = work.robot[i], work.knots[i]
+        pulled, last = work.sensors[work.robot[i], TORQUE_SCALE], work.knots[i]
         load_motion(S, e, work, i, min(knot + 1, last))
         going = 1.0 / h if knot < last else 0.0
         for motor in range(4):
             S[AT.GOING + motor * LANES + e] = going
         row = work.first[i] + min(knot, last)
         for motor in range(4):
-            if work.modes[i, motor] == TORQUE:
-                S[AT.GIVEN + motor * LANES + e] = work.torque[row, motor] / work.sensors[r, TORQUE_SCALE]
+            given = work.torque[row, motor]
+            if pulled != 1.0:
+                given /= pulled
+            S[AT.GIVEN + motor * LANES + e] = given
     cubics(S)
 
 

@@ -50,12 +50,27 @@ def _hold(p: Params, state: PlainState, command: Array, back_factor: float) -> A
     return np.where(np.isnan(command), default, command)
 
 
-def _feed_back(p: Params, torque: Array, theta: Array, theta_dot: Array, eta: Array, fx: PlainEffects) -> Array:
-    """Eq. 23 for the next step, judged by what goes through the gear."""
+def _feed_back(
+    p: Params, torque: Array, theta: Array, theta_dot: Array, theta_ddot: Array, eta: Array, modes: Sequence[Mode],
+    measured: Array, fx: PlainEffects,
+) -> Array:  # fmt: skip
+    """Eq. 23 for the next step, judged by what goes through the gear.
+
+    Of a prescribed motor with a measured torque (N m, else NaN): the one efficiency that agrees with the sign of the
+    torque that it gives; where both do or neither, that whose torque is nearer to what was measured.
+    """
     fresh = eta.copy()
     for i, motor in enumerate(motors_of(p)):
-        M_gear = torque[i] - dragging(fx, motor, i, theta[i], theta_dot[i])
-        fresh[i] = motor.eta_d if M_gear * theta_dot[i] >= 0 else 1.0 / motor.eta_r
+        drag = dragging(fx, motor, i, theta[i], theta_dot[i])
+        M_gear = torque[i] - drag
+        by_torque = motor.eta_d if M_gear * theta_dot[i] >= 0 else 1.0 / motor.eta_r
+        if modes[i] != Mode.PRESCRIBED or np.isnan(measured[i]):
+            fresh[i] = by_torque
+            continue
+        wheels = (M_gear - motor.J_m * theta_ddot[i]) * eta[i]
+        given = {one: motor.J_m * theta_ddot[i] + wheels / one for one in (motor.eta_d, 1.0 / motor.eta_r)}
+        agree = [one for one in given if (given[one] * theta_dot[i] >= 0) == (one == motor.eta_d)]
+        fresh[i] = min(agree if len(agree) == 1 else given, key=lambda one: abs(measured[i] - drag - given[one]))
     return fresh
 
 
@@ -90,7 +105,7 @@ def rk4_step(
     drives : sequence of 3 arrays, shape (3, 4)
         Commanded angles, speeds and accelerations at the step's start, middle and end.
     command : array, shape (4,)
-        Commanded torques through the step.
+        Commanded torques through the step; of prescribed motors what was measured, if anything.
     factor : float
         Of eq. 30, for one back motor.
     fx : PlainEffects
@@ -117,7 +132,8 @@ def rk4_step(
         memory = state.memory + h * dt * k_lag[-1]
     weights = np.array([1, 2, 2, 1]) / 6 * dt
     begun = fx.with_motion(p, state.q, state.v)
-    eta = _feed_back(p, torque, state.q[MOTOR_COLUMNS], state.v[MOTOR_COLUMNS], state.eta, begun)
+    turned = state.q[MOTOR_COLUMNS], state.v[MOTOR_COLUMNS], k_v[0][MOTOR_COLUMNS]
+    eta = _feed_back(p, torque, *turned, state.eta, modes, command, begun)
     ends = (now + weights @ np.array(k) for now, k in ((state.q, k_q), (state.v, k_v), (state.memory, k_lag)))
     new_q, new_v, new_memory = ends
     trails = drives[0][0] - state.q[MOTOR_COLUMNS], drives[2][0] - new_q[MOTOR_COLUMNS]
@@ -162,7 +178,9 @@ def semi_implicit_step(
     new_v[bodies] = state.v[bodies] + dt * acceleration[bodies]
     vertical = np.isin(np.arange(16) % 8, (2, 3, 4))
     new_q = state.q + dt * np.where(vertical, new_v, 0.5 * (state.v + new_v))
-    eta = _feed_back(p, torque, state.q[MOTOR_COLUMNS], new_v[MOTOR_COLUMNS], state.eta, fx)
+    speeds = new_v[MOTOR_COLUMNS]
+    turned = state.q[MOTOR_COLUMNS], speeds, (speeds - state.v[MOTOR_COLUMNS]) / dt
+    eta = _feed_back(p, torque, *turned, state.eta, modes, command, fx)
     trails = drive[0] - state.q[MOTOR_COLUMNS], drive[3] - new_q[MOTOR_COLUMNS]
     behind = _wound(fx, _wound_up(state, modes, *trails))
     return PlainState(new_q, new_v, eta, torque, state.memory + dt * wheels.memory_rate, behind)
