@@ -11,10 +11,11 @@ import time
 from pathlib import Path
 
 import pytest
-from diagnose.hidden.calibrate import promises, surplus
+from diagnose.hidden.calibrate import promises, thresholds
 from diagnose.hidden.jobs import RIGID, Job, jobs
 from diagnose.hidden.journal import Journal, read_results
 from diagnose.hidden.logged import RECIPES, VARYING
+from diagnose.hidden.null import NullCase, added, read, surplus, write
 
 from artibot_sim.diagnose.policy import THRESHOLDS
 from artibot_sim.diagnose.selection.evidence import DECADE
@@ -107,16 +108,47 @@ def test_false_alarms_are_counted_by_what_is_asked_of_effects():
         ranking = [{"effect": "slope", "log10_bayes_factor": nats / DECADE, "fitted": True}]
         search = {"slope": {"nats": nats, "scatter": 0.0, "deviations": 9.0, "size": 0.5, **seen}}
         answer = {"ranking": ranking, "first_search": search, "causes": [], "verdict": "none"}
-        truth = {"effects": {}, "unlisted": {}}
-        return {"key": "", "job": {"robot": "agriq", "false_alarms": 0.2}, "truth": truth, "answer": answer}
+        job = jobs(1, {"none": 1}, (1.0,), 1.0, false_alarms=0.2)[0]._asdict()
+        return {"key": "", "job": job, "truth": {"effects": {}, "unlisted": {}}, "answer": answer}
 
     enough = THRESHOLDS.least(1.0, 0.2) + 1.0
     cases = [case_with(enough), case_with(enough, size=0.01), case_with(enough, deviations=1.0)]
     cases.append(case_with(enough, scatter=10.0))
     assert [bool(surplus(each)) for each in cases] == [True, False, False, True]
     assert surplus(cases[3])["slope"] == pytest.approx(enough - 20.0)
-    said = "\n".join(promises(cases))
+    said = "\n".join(promises([NullCase.of(case) for case in cases]))
     assert "0.2 asked" in said and "first search 1 of 4" in said and "named 0 of 4" in said
+
+
+def null_case(seed: int = 1, nats: float = 0.0, commit: str = "a") -> NullCase:
+    """Of Epi.q."""
+    return NullCase(
+        commit, "epiq", True, seed, 2, 30.0, 1.0, 0.2, "none", "", "slope" if nats else "", nats, "", 0.0, "yaw", 0.5
+    )
+
+
+def test_the_table_of_null_cases_grows_and_takes_newer_answers(tmp_path):
+    path = tmp_path / "cases.csv"
+    write(added(read(path), [null_case(2), null_case(1, 3.5)]), path)
+    assert read(path) == [null_case(1, 3.5), null_case(2)]
+    write(added(read(path), [null_case(1, 1.5, commit="b"), null_case(3)]), path)
+    assert read(path) == [null_case(1, 1.5, commit="b"), null_case(2), null_case(3)]
+    path.write_text(path.read_text().replace("1.5", "many"))
+    with pytest.raises(ArtibotError, match=r"cases\.csv: no case of a campaign"):
+        read(path)
+
+
+def test_the_table_in_the_repository_is_in_order():
+    cases = read()
+    assert cases and added(cases, []) == cases
+
+
+def test_a_rate_is_sure_only_with_cases_enough():
+    """Of 299 without any false alarm 1 % is sure, of 298 not: 0.99 to the power of them is 0.05."""
+    for count, sure in ((298, "too few cases"), (299, "surely no more above 9.0")):
+        said = list(thresholds([null_case(seed, 9.0 if seed == 7 else 0.0) for seed in range(count)]))
+        assert "quantile 0.0" in said[0] and "surely no more above 0.0" in said[0]
+        assert sure in said[-1] and said[-1].startswith("0.01")
 
 
 def test_two_campaigns_do_not_share_a_journal(tmp_path):
@@ -137,6 +169,11 @@ def test_rigid_robots_have_kinds_of_their_own():
     assert {job.effects for job in found if job.kind == "varying"} == {(VARYING,)}
     assert {job.effects[1:] for job in found if job.kind == "beside"} == {(VARYING,)}
     assert {job.effects for job in found if job.kind == "single"} == {(name,) for name in RECIPES}
+    with_torques = [job for job in jobs(1, {"none": 2}, (1.0,), 1.0, robot="husky", torques=True) if job.torques]
+    assert len({job.key for job in with_torques + jobs(1, {"none": 2}, (1.0,), 1.0, robot="husky")}) == 4
+    for robot, kind in (("agriq", "none"), ("husky", "single")):
+        with pytest.raises(ArtibotError):
+            jobs(1, {kind: 1}, (1.0,), 1.0, robot=robot, torques=True)
     for kind, robot in (("pair", "husky_driven"), ("varying", "agriq"), ("single", "train3")):
         with pytest.raises(ArtibotError, match=f"no '{kind}' of {robot}"):
             jobs(1, {kind: 1}, (1.0,), 1.0, robot=robot)

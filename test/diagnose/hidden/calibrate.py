@@ -1,8 +1,10 @@
-"""What thresholds a campaign asks for: ``python -m diagnose.hidden.calibrate FOLDER …``.
+"""What thresholds campaigns ask for: ``python -m diagnose.hidden.calibrate [FOLDER …]``.
 
-Of cases with nothing hidden: how many nats the best effect gains all the same, and which one; in which share of them
-an effect is named at several rates of false alarms, robot by robot, with 95 % binomial intervals. Of all cases: what
-the final model leaves in every channel, where its name was right, and where something was on no list.
+Of cases with nothing hidden, those of the table (see `null`) and of campaigns in `FOLDER`: how many nats the best
+effect gains all the same; in which share of them an effect is named at several rates of false alarms, robot by robot,
+with 95 % binomial intervals; and what each rate asks for. Of the campaigns' cases: which effects gain how much with
+nothing hidden, and what the final model leaves in every channel, where its name was right, and where something was on
+no list.
 """
 
 from __future__ import annotations
@@ -15,28 +17,18 @@ from typing import Any
 
 import numpy as np
 from diagnose.hidden.journal import read_results
+from diagnose.hidden.null import NullCase, added, is_null, read
 from diagnose.hidden.table import Scored
 from scipy.stats import binomtest
 
-from artibot_sim.diagnose.policy import THRESHOLDS, Thresholds
+from artibot_sim.diagnose.policy import THRESHOLDS
 from artibot_sim.diagnose.remains import LIMITS
-from artibot_sim.diagnose.selection.evidence import DECADE, Evidence
-from artibot_sim.diagnose.selection.forward import refusal
+from artibot_sim.diagnose.selection.evidence import DECADE
 
 RATES = (0.2, 0.05, 0.01)
 """Of false alarms that may be asked for."""
 RATE = RATES[-1]
 """Of false alarms that is aimed at."""
-
-
-def clean(results: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Cases with nothing hidden that were diagnosed."""
-    return [
-        each
-        for each in results
-        if "answer" in each
-        and not (each["truth"]["effects"] or each["truth"]["unlisted"] or each["truth"].get("varies"))
-    ]
 
 
 def with_interval(hits: int, of: int) -> str:
@@ -47,55 +39,55 @@ def with_interval(hits: int, of: int) -> str:
     return f"{hits} of {of}, {100 * low:.1f} … {100 * high:.1f} %"
 
 
-def surplus(result: Mapping[str, Any], thresholds: Thresholds = THRESHOLDS) -> dict[str, float]:
-    """Nats by which effects of a case's first search gain more than the one above another that all are asked for.
-
-    Those that would not be named however much they gain (too near to neutral, too small) are left out.
-    """
-    found, search = dict[str, float](), result["answer"].get("first_search") or {}
-    for candidate in result["answer"]["ranking"]:
-        effect, nats = candidate["effect"], DECADE * (candidate["log10_bayes_factor"] or 0.0)
-        if effect in search:
-            seen = search[effect]
-            covariance = np.array([[(seen["size"] / max(seen["deviations"], 1e-9)) ** 2]])
-            stated = Evidence(nats, 0.0, np.array([seen["size"]]), covariance, seen["scatter"])
-            asked = thresholds.more(effect) + thresholds.margin * seen["scatter"]
-            if not refusal(effect, stated, nats, nats - asked, thresholds):
-                found[effect] = nats - asked
-        elif candidate["fitted"]:  # by commands alone
-            found[effect] = nats
-    return found
-
-
-def _robot(result: Mapping[str, Any]) -> str:
-    """Name or file; journals that are older than other robots do not say it."""
-    return str(result["job"].get("robot", "agriq"))
-
-
-def promises(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Shares of false alarms by what was asked for: of the first search, and of the whole diagnosis."""
-    cases = clean(results)
-    robots = sorted({_robot(each) for each in cases})
-    for robot in [*robots, *(["all"] if len(robots) > 1 else [])]:
-        mine = [each for each in cases if robot in (_robot(each), "all")]
-        best = [max(surplus(each).values(), default=0.0) for each in mine]
+def promises(cases: Sequence[NullCase]) -> Iterator[str]:
+    """Shares of false alarms by what was asked for, robot by robot: of the first search, and of the whole diagnosis."""
+    groups = {name: [one for one in cases if _group(one) == name] for name in sorted(set(map(_group, cases)))}
+    for robot, mine in [*groups.items(), *([("all", list(cases))] if len(groups) > 1 else [])]:
+        best = [one.nats for one in mine]
         spread = ", ".join(f"{q:.0%} {np.quantile(best, q):.1f}" for q in (0.5, 0.8, 0.95, 0.99, 1.0))
+        most = max(mine, key=lambda one: one.left)
         yield f"{robot}: {len(mine)} cases; nats of the best effect by quantiles: {spread}"
+        yield f"  most left, over its limit: {most.left:.2f} ({most.channel or 'nothing'}, seed {most.seed})"
         for rate in RATES:
             least = THRESHOLDS.least(1.0, rate)
             found = with_interval(sum(nats >= least for nats in best), len(mine))
             yield f"  {rate:g} asked ({least:.0f} nats): first search {found}"
-            whole = [each for each in mine if each["job"].get("false_alarms", RATE) == rate]
-            named = sum(bool(each["answer"]["causes"]) for each in whole)
-            other = sum(each["answer"]["verdict"] == "unexplained" for each in whole)
+            whole = [one for one in mine if one.asked == rate]
             if whole:
-                yield f"    named {with_interval(named, len(whole))}; on no list {with_interval(other, len(whole))}"
+                named = with_interval(sum(bool(one.named) for one in whole), len(whole))
+                other = with_interval(sum(one.verdict == "unexplained" for one in whole), len(whole))
+                yield f"    named {named}; on no list {other}"
+    yield from thresholds(cases)
+
+
+def _group(case: NullCase) -> str:
+    """Cases that are counted together."""
+    return case.robot + ("" if case.torques else ", no torques")
+
+
+def thresholds(cases: Sequence[NullCase]) -> Iterator[str]:
+    """What each rate of false alarms asks for by these cases alone, whatever the policy says."""
+    best = np.sort([one.nats for one in cases])[::-1]
+    for rate in RATES:
+        usual = f"{np.quantile(best, 1.0 - rate):.1f}" if len(best) else "–"
+        # as many false alarms as still say, to 95 %, that there are no more than asked for
+        allowed = sum(_most_likely(k, len(best)) <= rate for k in range(len(best)))
+        sure = f"{best[allowed - 1]:.1f}" if allowed else "too few cases"
+        yield (
+            f"{rate:g} of {len(best)}: quantile {usual} nats; surely no more above {sure}; "
+            f"in use {THRESHOLDS.least(1.0, rate):.0f}"
+        )
+
+
+def _most_likely(hits: int, of: int) -> float:
+    """The share that so many hits leave possible, with a probability of 95 % (Clopper and Pearson, one side)."""
+    return float(binomtest(hits, of, alternative="less").proportion_ci(0.95, "exact").high)
 
 
 def chances(results: Sequence[Mapping[str, Any]]) -> dict[str, list[float]]:
     """Nats of every effect that was fitted in cases with nothing hidden."""
     found: dict[str, list[float]] = {}
-    for each in clean(results):
+    for each in filter(is_null, results):
         for candidate in each["answer"]["ranking"]:
             if candidate["fitted"] and candidate["log10_bayes_factor"]:
                 found.setdefault(candidate["effect"], []).append(DECADE * candidate["log10_bayes_factor"])
@@ -119,8 +111,7 @@ def leftovers(results: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, list[
 
 def advice(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """The calibration, line by line."""
-    yield from promises(results)
-    yield f"nothing hidden: {len(clean(results))} cases; nats that effects gained all the same, most first"
+    yield f"nothing hidden: {sum(map(is_null, results))} cases; nats that effects gained all the same, most first"
     found = chances(results)
     for effect in sorted(found, key=lambda name: -max(found[name])):
         gained, more = sorted(found[effect]), THRESHOLDS.biased.get(effect, 0.0)
@@ -147,11 +138,13 @@ def advice(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def main(folders: Sequence[str]) -> int:
-    """Print what the journals in `folders` ask for."""
+    """Print what the table and the journals in `folders` ask for."""
     results = [result for folder in folders for result in read_results(Path(folder) / "cases.jsonl")]
-    print("\n".join(advice(results)))
+    print("\n".join(promises(added(read(), [NullCase.of(result) for result in results if is_null(result)]))))
+    if results:
+        print("\n".join(advice(results)))
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:] or ["campaign"]))
+    sys.exit(main(sys.argv[1:]))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -50,10 +51,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     folder = Path(options.out)
     try:
         severities = tuple(float(part) for part in options.severity.split(","))
-        counts = counts_of(options.kinds or ",".join(kinds_of(options.robot)), options.cases)
+        kinds = options.kinds or ",".join(kinds_of(options.robot, options.torques))
+        counts = counts_of(kinds, options.cases)
         todo = jobs(
             options.seed, counts, severities, options.noise, options.runs, options.duration, options.robot,
-            options.false_alarms,
+            options.false_alarms, options.torques,
         )  # fmt: skip
         with Journal(folder / "cases.jsonl") as journal:
             _carry_out(todo, journal, options)
@@ -74,14 +76,26 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _carry_out(todo: Sequence[Job], journal: Journal, options: argparse.Namespace) -> None:
     """Do what is not done yet."""
     done = journal.done
-    left = [job for job in todo if job.key not in done]
+    left, commit = [job for job in todo if job.key not in done], commit_of(Path(__file__).parent)
     with Bar(total=float(len(todo))) as bar:
         ready = len(todo) - len(left)
         bar.show(ready, f"case {ready} of {len(todo)}")
         for result in results_of(left, options.workers, options.way, options.scheduler):
-            journal.add(result)
+            journal.add(result | {"commit": commit})
             ready += 1
             bar.show(ready, f"case {ready} of {len(todo)}")
+
+
+def commit_of(folder: Path) -> str:
+    """The commit of the code in a folder, with + where files have changed since; nothing outside of a repository."""
+    try:
+        said = [
+            subprocess.run(["git", "-C", str(folder), *words], capture_output=True, text=True, check=True).stdout
+            for words in (("rev-parse", "--short", "HEAD"), ("status", "--porcelain", "--untracked-files=no"))
+        ]
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return said[0].strip() + ("+" if said[1].strip() else "")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -101,6 +115,7 @@ def _parser() -> argparse.ArgumentParser:
         "--false-alarms", type=float, default=float(FALSE_ALARM_RATE),
         help=f"share of them that diagnoses are asked for [{float(FALSE_ALARM_RATE):g}]",
     )  # fmt: skip
+    parser.add_argument("--torques", action="store_true", help="of a rigid robot, which is recorded without else")
     parser.add_argument("--kinds", help="which [all of the robot's], each with its number or not: none:300,single")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes [all cores]")
     parser.add_argument(

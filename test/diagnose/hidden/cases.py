@@ -122,6 +122,7 @@ def case(
     manoeuvres: Sequence[str] = (),
     soil: Mapping[str, float] | None = None,
     robot: str = "agriq",
+    torques: bool = False,
 ) -> Case:
     """Recordings of a rover with these effects (none, one, two; listed or not) on a random soil.
 
@@ -141,11 +142,13 @@ def case(
     robot : str
         A rigid one is recorded as :mod:`diagnose.hidden.logged` has it: noise, manoeuvres and soil are drawn there.
         One of more than two modules is driven by the model itself, for the rover here has two.
+    torques : bool
+        A rigid robot is driven so as well, and seen by Agri.q's sensors, those of torques among them.
     """
+    if load_robot(robot).trailing or torques:
+        return _by_model(effects, severity, seed, runs, held_out, duration, robot)
     if not load_robot(robot).articulated:
         return _logged(effects, severity, seed, runs, held_out, duration, robot)
-    if load_robot(robot).trailing:
-        return _train(effects, severity, seed, runs, held_out, duration, robot)
     drives, put_in, soil = driven(effects, severity, seed, runs + held_out, duration, manoeuvres, soil, robot)
     noise = (noise or Noise()).of(load_robot(robot))
     rng = np.random.default_rng([seed, 2])
@@ -179,12 +182,15 @@ def _logged(
     return Case(tuple(found[:runs]), tuple(found[runs:]), truth, robot, logged.HORIZON)
 
 
-def _train(
+def _by_model(
     effects: Sequence[str], severity: float, seed: int, runs: int, held_out: int, duration: float, robot: str
 ) -> Case:
-    """Recordings of a robot of more than two modules with nothing hidden."""
+    """Recordings of a robot that the model itself drives, with nothing hidden."""
     if effects:
-        raise ArtibotError(f"{robot}: nothing can be hidden in a robot of more than two modules; found {effects}")
+        raise ArtibotError(
+            f"{robot}: nothing can be hidden in a robot of more than two modules, nor beside a rigid one's torques; "
+            f"found {effects}"
+        )
     rng = np.random.default_rng([seed, 0])
     real = synthetic_soil(load_robot(robot), rng)
     found = [

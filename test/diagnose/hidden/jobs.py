@@ -21,8 +21,8 @@ KINDS = (
 """The order is part of the cases' seeds. The last two, of rigid robots: the soil varies, and an effect beside that."""
 RIGID = ("none", "single", "varying", "beside")
 """Kinds that there are of rigid robots."""
-TRAIN = ("none",)
-"""Kinds that there are of robots of more than two modules, which only the model itself can drive."""
+BY_MODEL = ("none",)
+"""Kinds that there are of what only the model can drive: robots of more than two modules, rigid ones' torques."""
 
 
 class Job(NamedTuple):
@@ -46,6 +46,8 @@ class Job(NamedTuple):
         Name or file.
     false_alarms : float
         Share that the diagnosis is asked for.
+    torques : bool
+        Whether a rigid robot's torques are recorded, too.
     """
 
     kind: str
@@ -58,6 +60,7 @@ class Job(NamedTuple):
     duration: float = 45.0
     robot: str = "agriq"
     false_alarms: float = float(FALSE_ALARM_RATE)
+    torques: bool = False
 
     @property
     def key(self) -> str:
@@ -65,7 +68,8 @@ class Job(NamedTuple):
         what = f"{self.kind} {self.number} {'+'.join(self.effects)} {self.severity:g} {self.noise:g} {self.seed}"
         of = "" if self.robot == "agriq" else f" {self.robot}"
         rate = "" if self.false_alarms == FALSE_ALARM_RATE else f" at {self.false_alarms:g}"
-        return f"{what} {self.runs}x{self.duration:g}{of}{rate}"
+        with_torques = " with torques" if self.torques else ""
+        return f"{what} {self.runs}x{self.duration:g}{of}{rate}{with_torques}"
 
     @classmethod
     def from_dict(cls, found: Mapping[str, Any]) -> Job:
@@ -73,13 +77,13 @@ class Job(NamedTuple):
         return cls(**{**found, "effects": tuple(found["effects"])})
 
 
-def kinds_of(robot: str) -> tuple[str, ...]:
-    """Kinds of cases that there are of a robot."""
+def kinds_of(robot: str, torques: bool = False) -> tuple[str, ...]:
+    """Kinds of cases that there are of a robot; of a rigid one with its `torques` recorded or without."""
     numbers = load_robot(robot)
+    if numbers.trailing or (torques and not numbers.articulated):
+        return BY_MODEL
     if not numbers.articulated:
         return RIGID
-    if numbers.trailing:
-        return TRAIN
     return tuple(kind for kind in KINDS if kind not in ("varying", "beside"))
 
 
@@ -92,6 +96,7 @@ def jobs(
     duration: float = 45.0,
     robot: str = "agriq",
     false_alarms: float = float(FALSE_ALARM_RATE),
+    torques: bool = False,
 ) -> list[Job]:
     """All jobs of a campaign, kinds taking turns, so that what is done early is a fair part of the whole.
 
@@ -101,11 +106,12 @@ def jobs(
         27 single cases are one of each. More cases begin with the same ones.
     """
     rigid = not load_robot(robot).articulated
+    if torques and not rigid:
+        raise ArtibotError(f"--torques: torques of {robot} are always recorded; leave it out")
+    there_are = kinds_of(robot, torques)
     for kind in counts:
-        if kind not in kinds_of(robot):
-            raise ArtibotError(
-                f"--kinds: there is no '{kind}' of {robot}; expected some of {', '.join(kinds_of(robot))}"
-            )
+        if kind not in there_are:
+            raise ArtibotError(f"--kinds: there is no '{kind}' of {robot}; expected some of {', '.join(there_are)}")
     found: list[tuple[float, Job]] = []
     for kind, count in counts.items():
         at = (0.0,) if kind == "none" else severities
@@ -113,7 +119,7 @@ def jobs(
             for number, effects in zip(range(count), _effects(kind, seed, rigid), strict=False):
                 job = Job(
                     kind, number, effects, severity, noise, _case_seed(seed, kind, number), runs, duration, robot,
-                    false_alarms,
+                    false_alarms, torques,
                 )  # fmt: skip
                 found.append(((number + 0.5) / count, job))
     return [job for _, job in sorted(found, key=lambda each: each[0])]

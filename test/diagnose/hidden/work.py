@@ -155,7 +155,7 @@ def do(job: Job, way: str = "memory") -> dict[str, Any]:
 
     def made(effects: Sequence[str]) -> Case:
         size = {"noise": noise, "runs": job.runs, "duration": job.duration}
-        return case(effects, job.severity, job.seed, **size, robot=job.robot)
+        return case(effects, job.severity, job.seed, **size, robot=job.robot, torques=job.torques)
 
     found = made(job.effects)
     result: dict[str, Any] = {"key": job.key, "job": job._asdict(), "truth": asdict(found.truth)}
