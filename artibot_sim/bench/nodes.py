@@ -10,6 +10,7 @@ import struct
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -210,7 +211,66 @@ def view(scenario: Scenario) -> list[Result]:
                 _wait_for(Path(folder) / "view.log", "http://127.0.0.1", process, scenario)
                 took.append(time.monotonic() - began)
     note = f"artibot view, from the command to the address of its page, a recording of {scenario.plan.duration:.0f} s"
-    return [Result("view_start", min(took), "s", note, {"slowest": max(took)} | load())]
+    return [Result("view_start", min(took), "s", note, {"slowest": max(took)} | load()), *_live_view(scenario)]
+
+
+def _live_view(scenario: Scenario) -> Iterator[Result]:
+    """A live view of a rover that drives, and one who takes all that a page would be sent."""
+    seconds = 4.0 if scenario.quick else 20.0
+    with tempfile.TemporaryDirectory(prefix="artibot-bench-") as folder, ExitStack() as running:
+        sim = running.enter_context(started("sim", [], folder))
+        _wait_for(Path(folder) / "sim.log", " is ready ", sim, scenario)
+        viewer = running.enter_context(started("view", ["--live", "--no-browser", "--port", "0"], folder))
+        log = Path(folder) / "view.log"
+        _wait_for(log, "http://127.0.0.1", viewer, scenario)
+        running.enter_context(started("planner", ["table6_agriq", "--keep", "--start-delay", "2"], folder))
+        pause(2.0 * PLANNER_READY, scenario)
+        port = int(log.read_text(encoding="utf-8").partition("http://127.0.0.1:")[2].split()[0].strip("/"))
+        page = running.enter_context(_Page(port))
+        pause(1.0, scenario)
+        before, pictures, began = processor_time(viewer.pid), page.pictures, time.monotonic()
+        pause(seconds, scenario)
+        after, took = processor_time(viewer.pid), time.monotonic() - began
+        rate = (page.pictures - pictures) / took
+    note = (
+        f"artibot view --live beside a simulator that drives Table 6 for {took:.0f} s; a reader of all that a page gets"
+    )
+    yield Result("view_live_cpu_share", (after - before) / took, "cores", note, {"pictures_per_s": rate} | load())
+
+
+class _Page:
+    """Takes what the viewer sends to a page, and counts the messages with a picture: with the lines of forces.
+
+    A message of viser's has two sizes (8 bytes each, little-endian), the second that of the zstd frame that follows.
+    """
+
+    def __init__(self, port: int) -> None:
+        from viser import __version__
+        from websockets.sync.client import connect
+        from websockets.typing import Subprotocol
+
+        self._socket = connect(
+            f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol(f"viser-v{__version__}")], max_size=None
+        )
+        self.pictures = 0
+        self._thread = threading.Thread(target=self._read, name="page", daemon=True)
+
+    def __enter__(self) -> _Page:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+        self._thread.join()
+
+    def _read(self) -> None:
+        import zstandard
+
+        unpacker = zstandard.ZstdDecompressor()
+        for message in self._socket:
+            if isinstance(message, bytes):
+                (size,) = struct.unpack_from("<Q", message, 8)
+                self.pictures += b"/forces" in unpacker.decompress(message[16 : 16 + size])
 
 
 def processor_time(pid: int) -> float:

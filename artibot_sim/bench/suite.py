@@ -90,7 +90,7 @@ SUITE: dict[str, Benchmark] = {
     ),
     "chain": Benchmark(("chain_cpu_share",), nodes.chain, 60, nodes.missing, in_quick=False),
     "odometry": Benchmark(("odometry_node_cpu_share",), nodes.odometry, 45, nodes.missing, in_quick=False),
-    "view": Benchmark(("view_start",), nodes.view, 25, nodes.no_viewer, in_quick=False),
+    "view": Benchmark(("view_start", "view_live_cpu_share"), nodes.view, 60, nodes.no_viewer, in_quick=False),
     "replay_can": Benchmark(
         ("replay_can_late_p99",), nodes.replay_can, 40, nodes.replay_missing, in_quick=False,
     ),
