@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,36 @@ from rosbags.typesys import Stores, get_typestore
 from tf2_package import environment
 
 from artibot_driver.loopback import loopback_bus
-from ros_helpers import NodeStarter
+from ros_helpers import NodeProcess, NodeStarter
+
+MOUNTS = """
+import signal
+import sys
+import rclpy
+from geometry_msgs.msg import TransformStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from tf2_msgs.msg import TFMessage
+
+latched = QoSProfile(depth=1 if sys.argv[1] == "say" else 10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+rclpy.init()
+node = rclpy.create_node(f"mounts_{sys.argv[2]}")
+if sys.argv[1] == "say":
+    publisher = node.create_publisher(TFMessage, "/tf_static", latched)
+    mount = TransformStamped(child_frame_id=sys.argv[2])
+    mount.header.frame_id, mount.transform.translation.z = "base_link", float(sys.argv[3])
+    publisher.publish(TFMessage(transforms=[mount]))
+else:
+    def heard(message):
+        for each in message.transforms:
+            print("heard", each.child_frame_id, each.transform.translation.z, flush=True)
+    node.create_subscription(TFMessage, "/tf_static", heard, latched)
+print("there", flush=True)
+try:
+    rclpy.spin(node)
+except BaseException:
+    pass
+"""
+"""A sensor's mount on /tf_static, as a static transform publisher says it once; or who listens to mounts."""
 
 Pose = tuple[float, float, float, float]
 """x, y, z and yaw."""
@@ -104,3 +134,32 @@ def test_two_rovers_have_one_tree_with_names_of_their_own(
     for name, (x, y, yaw) in places.items():
         front = placed(found["map", f"{name}/odom"], found[f"{name}/odom", f"{name}/base_link"])
         assert np.array(front)[[0, 1, 3]] == pytest.approx((x, y, yaw), abs=5e-3)
+
+
+def test_mounts_on_tf_static_are_recorded_by_default_and_played_to_who_comes_late(
+    start_node: NodeStarter, tmp_path: Path, with_tf: dict[str, str]
+) -> None:
+    """artibot says nothing there itself, but a viewer places a rover's sensors with what others said long ago."""
+    heights = {"lidar": 0.5, "camera": 0.25}
+
+    def mounts(*words: object) -> NodeProcess:
+        process = start_node.run([sys.executable, "-c", MOUNTS, *map(str, words)], f"mounts_{words[1]}", env=with_tf)
+        process.wait_for("there", 60.0)
+        return process
+
+    said = [mounts("say", *mount) for mount in heights.items()]
+    bag = tmp_path / "run"
+    record = start_node("record", "-o", bag, env=with_tf)
+    record.wait_for("recording /tf_static [tf2_msgs/msg/TFMessage], reliable, latched", 60.0)
+    simulator = start_node("sim", env=with_tf)
+    simulator.wait_for("is ready", 60.0)
+    record.wait_for("recording /robot_description")
+    for node in (simulator, record, *said):
+        node.stop(20.0)
+    recorded = [each for message in messages(bag, "/tf_static") for each in message.transforms]
+    assert {each.child_frame_id: each.transform.translation.z for each in recorded} == heights
+
+    start_node("replay", bag, "--wait", 0, "--rate", 0.05, env=with_tf).wait_for("playing ")
+    late = mounts("hear", "late")
+    for name, height in heights.items():
+        late.wait_for(f"heard {name} {height}")
