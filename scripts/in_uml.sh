@@ -61,6 +61,9 @@ fi
   echo '#!/bin/bash'
   declare -px | grep -vE '^declare -[a-zA-Z-]*x[a-zA-Z-]* (BASH|EUID|PPID|SHELLOPTS|UID|TMOUT)'
   printf 'export IN_UML=1 PATH="$PATH:/usr/sbin:/sbin"\n'
+  # When a handler of a signal returns, this kernel gives the interrupted program its AVX registers back, and not those of
+  # AVX-512: what the handler left there stays. The C library copies memory with them, in a handler and in what it interrupts.
+  printf 'export GLIBC_TUNABLES="${GLIBC_TUNABLES:+$GLIBC_TUNABLES:}glibc.cpu.hwcaps=-AVX512F,-AVX512VL,-AVX512BW"\n'
   printf 'modules=%q work=%q directory=%q command=(' "$modules" "$work" "$PWD"
   printf '%q ' "$@"
   printf ')\n'

@@ -39,6 +39,16 @@ def test_slow_motion_skips_what_is_slept_through() -> None:
     assert [float(word) for word in done.stdout.split()] == [pytest.approx(900.0, abs=0.5)] * 2
 
 
+@pytest.mark.vcan
+def test_a_signal_s_handler_that_copies_memory_spoils_no_copy_that_it_interrupts(tmp_path: Path) -> None:
+    """User-mode Linux does not give AVX-512's registers back after a handler, and glibc copies with them."""
+    program = tmp_path / "interrupted_copies"
+    source = Path(__file__).with_name("interrupted_copies.c")
+    subprocess.run(["cc", "-O1", "-o", str(program), str(source)], check=True)
+    done = in_uml(str(program))
+    assert (done.returncode, done.stdout) == (0, "0\n"), done.stdout + done.stderr
+
+
 def test_in_uml_without_a_command_says_so() -> None:
     done = subprocess.run([str(IN_UML)], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (125, "")
