@@ -245,12 +245,13 @@ class _Page:
     """
 
     def __init__(self, port: int) -> None:
-        from viser import __version__
+        from importlib.metadata import version
+
         from websockets.sync.client import connect
         from websockets.typing import Subprotocol
 
         self._socket = connect(
-            f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol(f"viser-v{__version__}")], max_size=None
+            f"ws://127.0.0.1:{port}", subprotocols=[Subprotocol(f"viser-v{version('viser')}")], max_size=None
         )
         self.pictures = 0
         self._thread = threading.Thread(target=self._read, name="page", daemon=True)
