@@ -173,6 +173,19 @@ def test_a_drive_goes_on_from_any_row():
     np.testing.assert_allclose(rest, d.rows[2500:], atol=1e-9)
 
 
+def test_elastic_friction_depends_on_the_way_in_angle_and_a_hose_on_that_in_time():
+    """Dahl's torque by its closed form along each way one way round, Maxwell's by its memory of the rate."""
+    rows = drive(plain().hiding(bristle=20.0, bristle_angle=0.3, hose=40.0, hose_time=2.0), "slalom", 12.0).rows
+    bend = np.diff(rows[:, rover.YAW_B] - rows[:, rover.YAW_F])
+    dahl = maxwell = 0.0
+    for k, step in enumerate(bend):
+        dahl = 20.0 * np.sign(step) + (dahl - 20.0 * np.sign(step)) * np.exp(-abs(step) / 0.3)
+        maxwell = maxwell * np.exp(-1e-3 / 2.0) + 40.0 * step
+        assert rows[k + 1, rover.BRISTLE] == pytest.approx(dahl, abs=0.02)
+        assert rows[k + 1, rover.HOSE] == pytest.approx(maxwell, abs=0.02)
+    assert np.abs(rows[:, rover.BRISTLE]).max() > 5.0 and np.abs(rows[:, rover.HOSE]).max() > 5.0
+
+
 def test_way_of_commands():
     """A ramp comes late by delay and lag, and what is small does not come at all."""
     t = 0.01 * np.arange(1001)

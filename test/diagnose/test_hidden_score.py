@@ -7,7 +7,7 @@ from math import pi
 import pytest
 from diagnose.hidden.calibrate import advice, chances, leftovers
 from diagnose.hidden.score import relative_gain, score
-from diagnose.hidden.table import confusion, failures, picture, table
+from diagnose.hidden.table import confusion, failures, laws, picture, table
 
 
 def found(value, low=None, high=None):
@@ -140,6 +140,27 @@ def test_gain_is_of_what_the_true_model_gains():
     assert relative_gain({"position": {"before": 0.5, "after": 0.3}}, reference) == pytest.approx(16 / 24)
     assert relative_gain({"position": {"before": 0.5, "after": 0.5}}, reference) == 0.0
     assert relative_gain({"yaw_rate": still}, reference) is None
+
+
+def test_a_law_in_other_words_is_as_good_where_it_predicts_as_well():
+    words = {"force": "front sway force", "variable": "time", "form": "linear", "size": 1.0, "unit": ""}
+    reference = {"position": {"after": 0.1, "noise": 0.1, "count": 100}}
+    for after, laws_of, good in ((0.1, {"force_law": {}}, True), (0.1, {}, False), (0.4, {"force_law": {}}, False)):
+        said = answer("unexplained", unexplained={**words, "laws": laws_of})
+        said["gain"] = {"position": {"before": 0.5, "after": after}}
+        seen = score(said, truth(["yaw_drag"]), reference)
+        assert (seen.described, seen.equivalent, seen.replaced) == (False, good, False)
+    assert score(said, truth(slope=SLOPE)).replaced
+    assert not score({**said, "causes": [cause("slope")]}, truth(slope=SLOPE)).replaced
+
+
+def test_what_is_asked_of_laws_is_counted_with_intervals():
+    lines = list(laws(made_up()))
+    assert lines[0] == "on no list, 1: said to be 0 of 1, 0.0 … 97.5 %"
+    assert lines[-2:] == [
+        "nothing hidden, a law: 0 of 3, 0.0 … 70.8 %",
+        "a listed effect replaced by a law: 0 of 2, 0.0 … 84.2 %",
+    ]
 
 
 def result(kind, number, said, hidden, severity=1.0):

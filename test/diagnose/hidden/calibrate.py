@@ -18,8 +18,7 @@ from typing import Any
 import numpy as np
 from diagnose.hidden.journal import read_results
 from diagnose.hidden.null import NullCase, added, is_null, read
-from diagnose.hidden.table import Scored
-from scipy.stats import binomtest
+from diagnose.hidden.table import Scored, with_interval
 
 from artibot_sim.diagnose.policy import THRESHOLDS
 from artibot_sim.diagnose.remains import LIMITS
@@ -29,14 +28,6 @@ RATES = (0.2, 0.05, 0.01)
 """Of false alarms that may be asked for."""
 RATE = RATES[-1]
 """Of false alarms that is aimed at."""
-
-
-def with_interval(hits: int, of: int) -> str:
-    """A share of cases, and its 95 % binomial interval (Clopper and Pearson)."""
-    if not of:
-        return "–"
-    low, high = binomtest(hits, of).proportion_ci(0.95, "exact")
-    return f"{hits} of {of}, {100 * low:.1f} … {100 * high:.1f} %"
 
 
 def promises(cases: Sequence[NullCase]) -> Iterator[str]:

@@ -89,6 +89,10 @@ class Hidden(NamedTuple):
     creep: float = 0.0  # N s/m, above
     creep_from: float = 0.0  # m/s
     hysteresis: float = 0.0  # N m/rad
+    bristle: float = 0.0  # N m, at most
+    bristle_angle: float = 1.0  # rad
+    hose: float = 0.0  # N m/rad
+    hose_time: float = 1.0  # s
     grease: float = 0.0  # N m, of motor
     grease_motor: float = 0.0
     grease_turns: float = 1.0  # rad

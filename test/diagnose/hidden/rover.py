@@ -26,10 +26,10 @@ from numba import njit
 
 STEP = 2.5e-4
 """s; free wheels lose their slip at up to 1900 /s."""
-ROW = 34
-"""Kept of an instant: 24 numbers of the state, 4 motor torques, 4 efficiencies, 2 torques of the step before."""
+STATE, ROW = 26, 36
+"""Numbers of the state, and kept of an instant: these, 4 torques of motors, 4 efficiencies, 2 torques a step before."""
 X, Y, YAW_F, YAW_B, ANGLE, U, V, R, S, SPEED = 0, 1, 2, 3, 4, 8, 9, 10, 11, 12
-LATERAL, TORQUE, ETA, BEFORE = 16, 24, 28, 32
+LATERAL, BRISTLE, HOSE, TORQUE, ETA, BEFORE = 16, 24, 25, 26, 30, 34
 
 
 @njit(cache=True)
@@ -157,7 +157,11 @@ def _bodies(state, rover, out, rates):
     u, v, r, s = state[U], state[V], state[R], state[S]
     phi = state[YAW_B] - state[YAW_F]
     c, n = cos(phi), sin(phi)
-    joint = _joint(phi, s - r, h)
+    joint = _joint(phi, s - r, h) + state[BRISTLE] + state[HOSE]
+    if h.bristle != 0.0:  # Dahl's friction: a spring that gives way as it nears its largest torque
+        rates[BRISTLE] = h.bristle / h.bristle_angle * (s - r) - abs(s - r) / h.bristle_angle * state[BRISTLE]
+    if h.hose != 0.0:  # Maxwell's: a spring and a damper in a row
+        rates[HOSE] = h.hose * (s - r) - state[HOSE] / h.hose_time
     X_b, Y_b = c * out[3] - n * out[4], n * out[3] + c * out[4]
     # accelerations that are there without u', v', r', s'
     fx, fy = -r * v - r * r * f.c_x, r * u - r * r * f.c_y
@@ -237,8 +241,8 @@ def drive(row, t, h, every, wish, rover, widest=inf):
     """
     steps = wish.shape[0] - 1
     rows = np.zeros((steps // every + 1, ROW))
-    state, eta, before = row[:24].copy(), row[ETA : ETA + 4].copy(), row[BEFORE : BEFORE + 2].copy()
-    first, second, ahead, torque, unused = np.zeros(24), np.zeros(24), np.zeros(24), np.zeros(4), np.zeros(4)
+    state, eta, before = row[:STATE].copy(), row[ETA : ETA + 4].copy(), row[BEFORE : BEFORE + 2].copy()
+    first, second, ahead, torque, unused = np.zeros(STATE), np.zeros(STATE), np.zeros(STATE), np.zeros(4), np.zeros(4)
     out = np.zeros(10)
     free = rover.hidden.front_max < inf or rover.hidden.stall < inf
     for k in range(steps + 1):
@@ -250,7 +254,7 @@ def drive(row, t, h, every, wish, rover, widest=inf):
         _rates(t + k * h, state, rover, eta, held, wish[k], slope, out, first, torque)
         if k % every == 0:
             kept = rows[k // every]
-            kept[:24], kept[TORQUE : TORQUE + 4], kept[ETA : ETA + 4], kept[BEFORE : BEFORE + 2] = (
+            kept[:STATE], kept[TORQUE : TORQUE + 4], kept[ETA : ETA + 4], kept[BEFORE : BEFORE + 2] = (
                 state,
                 torque,
                 eta,
@@ -260,7 +264,7 @@ def drive(row, t, h, every, wish, rover, widest=inf):
                 break
         if k == steps:
             break
-        for i in range(24):
+        for i in range(STATE):
             ahead[i] = state[i] + h * first[i]
         if not free:
             ahead[SPEED : SPEED + 2] = wish[k + 1]
@@ -271,7 +275,7 @@ def drive(row, t, h, every, wish, rover, widest=inf):
             through = torque[i] - _drag(i, t + k * h, state, rover.hidden)
             eta[i] = gear.eta_d if through * state[SPEED + i] >= 0.0 else 1.0 / gear.eta_r
         before[:] = torque[:2]
-        for i in range(24):
+        for i in range(STATE):
             state[i] += 0.5 * h * (first[i] + second[i])
     return rows
 

@@ -14,6 +14,8 @@ NEUTRAL_ONE = ("scale",)
 """Parameters that are neutral at 1; others are so at 0, limits at infinity."""
 LIMITS = ("front_max", "angle", "stall", "no_load_speed")
 ANGLES = ("heading", "phase")
+MOST_OF_IT = 0.8
+"""Share of the true model's gain from which a gain is as good."""
 LEAST_GAIN = 0.1
 """Of the true model, in the noise's mean square: less is not worth comparing."""
 
@@ -46,6 +48,10 @@ class Score:
         On held-out data relative to the true model's.
     described : bool or None
         Whether force and variable of what is on no list are right.
+    equivalent : bool or None
+        Whether they are, or a law in the model predicts what is held out as well as the true one.
+    replaced : bool
+        Whether something on no list is said where what acts is on it and is not named.
     seconds : float
     """
 
@@ -61,6 +67,8 @@ class Score:
     covered: Mapping[str, bool] = field(default_factory=dict)
     gain: float | None = None
     described: bool | None = None
+    equivalent: bool | None = None
+    replaced: bool = False
     seconds: float = 0.0
 
 
@@ -81,6 +89,10 @@ def score(answer: Mapping[str, Any], truth: Mapping[str, Any], reference: Mappin
     named = [cause["effect"] for cause in answer["causes"]]
     errors, covered = _parameters(answer, effects)
     top1, top3, tie = _ranks(answer, effects, unlisted)
+    remainder = answer["unexplained"]
+    gain = relative_gain(answer["gain"], reference) if reference and hidden else None
+    described = is_described(remainder, unlisted) if unlisted else None
+    as_good = bool((remainder or {}).get("laws")) and gain is not None and gain >= MOST_OF_IT
     if truth.get("varies") and not effects:  # whether it is noise or something that acts: no name is right
         top1 = top3 = float(not named)
     return Score(
@@ -90,12 +102,14 @@ def score(answer: Mapping[str, Any], truth: Mapping[str, Any], reference: Mappin
         top1=top1,
         top3=top3,
         tie=tie,
-        excess=len(set(named) - set(effects)) + (answer["unexplained"] is not None and not unlisted),
+        excess=len(set(named) - set(effects)) + (remainder is not None and not unlisted),
         false=any(not {cause["effect"], *cause["ties"]} & set(effects) for cause in answer["causes"]),
         errors=errors,
         covered=covered,
-        gain=relative_gain(answer["gain"], reference) if reference and hidden else None,
-        described=is_described(answer["unexplained"], unlisted) if unlisted else None,
+        gain=gain,
+        described=described,
+        equivalent=described or as_good if unlisted else None,
+        replaced=bool(effects) and not unlisted and remainder is not None and not set(named) & set(effects),
         seconds=float(answer["seconds"]),
     )
 

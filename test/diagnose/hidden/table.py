@@ -11,14 +11,13 @@ import numpy as np
 from diagnose.hidden.effects import ADDED, LISTED
 from diagnose.hidden.ground import OTHER_GROUND
 from diagnose.hidden.jobs import KINDS
-from diagnose.hidden.score import Score, score
+from diagnose.hidden.score import MOST_OF_IT, Score, score
 from diagnose.hidden.unlisted import LAWS, UNLISTED
+from scipy.stats import binomtest
 
 ROWS = ("none", *(kind for kind in KINDS if kind != "none"))
 CLOSE = 0.15
 """Relative error within which a parameter is right."""
-MOST_OF_IT = 0.8
-"""Share of the true model's gain from which a gain is as good."""
 
 
 class Scored:
@@ -56,13 +55,45 @@ def table(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         yield f"{failed} cases without a diagnosis: see `error` in the journal"
 
 
+def laws(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """What is asked of laws, with binomial intervals; what is on no list counts together, whichever kind it is of."""
+    scored = [each for each in map(Scored, results) if each.score is not None]
+    alone = ("unlisted", "laws")
+    severities = {each.result["job"]["severity"] for each in scored if each.row[0] in (*alone, "with_law")}
+    for severity in sorted(severities, reverse=True):
+        found = [each.score for each in scored if each.row[0] in alone and each.row[1] == severity]
+        gains = [one.gain for one in found if one and one.gain is not None]
+        both = [one.score for one in scored if one.row == ("with_law", severity)]
+        yield f"on no list, {severity:g}: said to be {_counted([bool(one and one.top1) for one in found])}"
+        yield f"  where it acts and what it follows: {_counted([bool(one and one.described) for one in found])}"
+        yield f"  that, or as good in prediction: {_counted([bool(one and one.equivalent) for one in found])}"
+        yield f"  at least {MOST_OF_IT:.0%} of the true model's gain: {_counted([one >= MOST_OF_IT for one in gains])}"
+        yield f"  beside a listed effect, both said: {_counted([bool(one and one.top1) for one in both])}"
+    nothing = [each.result["answer"] for each in scored if each.row[0] == "none"]
+    yield f"nothing hidden, a law: {_counted([one['unexplained'] is not None for one in nothing])}"
+    listed = [each.score for each in scored if each.row[0] in ("single", "added", "pair")]
+    yield f"a listed effect replaced by a law: {_counted([bool(one and one.replaced) for one in listed])}"
+
+
+def with_interval(hits: int, of: int) -> str:
+    """A share of cases, and its 95 % binomial interval (Clopper and Pearson)."""
+    if not of:
+        return "–"
+    low, high = binomtest(hits, of).proportion_ci(0.95, "exact")
+    return f"{hits} of {of}, {100 * low:.1f} … {100 * high:.1f} %"
+
+
+def _counted(hits: Sequence[bool]) -> str:
+    return with_interval(sum(hits), len(hits))
+
+
 def _line(name: str, group: Sequence[Score]) -> str:
     if not group:
         return f"{name:<16}{0:>6}"
     errors = [error for each in group for error in each.errors.values()]
     covered = [hit for each in group for hit in each.covered.values()]
     gains = [each.gain for each in group if each.gain is not None]
-    described = [each.described for each in group if each.described is not None]
+    equivalent = [each.equivalent for each in group if each.equivalent is not None]
     cells = (
         f"{_share([each.detected for each in group]):>10}",
         f"{_share([each.top1 for each in group]):>8}",
@@ -74,7 +105,7 @@ def _line(name: str, group: Sequence[Score]) -> str:
         f"{_share(covered):>9}",
         f"{_number(gains, median, '.0%'):>7}",
         f"{_share([gain >= MOST_OF_IT for gain in gains]):>8}",
-        f"{_share(described):>7}",
+        f"{_share(equivalent):>7}",
         f"{_number([each.seconds for each in group], median, '.0f') + ' s':>8}",
     )
     return f"{name:<16}{len(group):>6}{''.join(cells)}"

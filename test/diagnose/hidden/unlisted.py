@@ -106,6 +106,16 @@ def _joint_hysteresis(rng: Rng, s: float, track: np.ndarray) -> Values:
     return {"hysteresis": 45.0 * s}
 
 
+def _elastic_friction(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """Friction in the joint that gives before it slides: its torque depends on how the joint came to its angle."""
+    return {"bristle": 20.0 * s, "bristle_angle": float(rng.uniform(0.2, 0.35))}
+
+
+def _relaxing_hose(rng: Rng, s: float, track: np.ndarray) -> Values:
+    """A hose across the joint that resists bending and gives within seconds: it remembers what was a while ago."""
+    return {"hose": 40.0 * s, "hose_time": float(rng.uniform(1.5, 4.0))}
+
+
 def _fresh_grease(rng: Rng, s: float, track: np.ndarray) -> Values:
     """A motor that drags until it has turned so far: what it remembers is its angle, not the time."""
     motor = int(rng.integers(4))
@@ -132,6 +142,8 @@ LAWS: dict[str, Recipe] = {
     "speed_yaw_drag": Recipe(_speed_yaw_drag, _hide),
     "creep_drag": Recipe(_creep_drag, _hide),
     "joint_hysteresis": Recipe(_joint_hysteresis, _hide),
+    "elastic_friction": Recipe(_elastic_friction, _hide),
+    "relaxing_hose": Recipe(_relaxing_hose, _hide),
     "fresh_grease": Recipe(_fresh_grease, _hide),
     "skidding_wheel": Recipe(_skidding_wheel, _hide),
     "growing_drag": Recipe(_growing_drag, _hide),
@@ -154,6 +166,8 @@ ACTS_ON: dict[str, dict[str, Any]] = {
     "speed_yaw_drag": {"force": "yaw moment", "variable": "yaw rate"},
     "creep_drag": {"force": "surge", "variable": "speed"},
     "joint_hysteresis": {"force": "yaw moment", "variable": "articulation"},
+    "elastic_friction": {"force": "yaw moment", "variable": "articulation"},
+    "relaxing_hose": {"force": "yaw moment", "variable": "articulation"},
     "fresh_grease": {"force": "torque"},
     "skidding_wheel": {"force": "lateral", "variable": "lateral speed"},
     "growing_drag": {"force": "surge", "variable": "time"},
