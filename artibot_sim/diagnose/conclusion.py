@@ -241,7 +241,8 @@ class MotionFacts:
         if outcome is Outcome.NOTHING:
             return without_ties_among_named(back)
         if self._force_alone is not None:
-            back = replace(back, unexplained=self._force_alone, laws=self._explanations(()).laws)
+            alone = self._explanations(())
+            back = replace(back, unexplained=alone.force, laws=alone.laws)
         return without_ties_among_named(replace(back, by_recording=self._contradiction))
 
     def withdrawal(self, reason: Reason) -> Withdrawal:

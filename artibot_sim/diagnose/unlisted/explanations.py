@@ -126,7 +126,7 @@ class Explanations:
         if effects not in self._made:
             (problem, fit), force = self._model(effects), self.force(effects)
             laws = None if force is None else self._in_time(lambda: fitted_laws(problem, fit, force, self._ticks))
-            self._made[effects] = Explanation(effects, problem, fit, force, laws)
+            self._made[effects] = Explanation(effects, problem, fit, force if laws is None else laws.force, laws)
         return self._made[effects]
 
     def best(self) -> Explanation | None:

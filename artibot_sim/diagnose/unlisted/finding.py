@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,10 @@ Array = NDArray[np.float64]
 _ROUNDS = 2
 _FARTHEST = 0.15
 """Largest change of a parameter's logarithm from one look to the next."""
-_MOST = 3
-"""Forces that are looked for one after the other."""
+_RIVALS = 12
+"""Of the best forces so many are kept."""
+_SHORTLISTED = 200
+"""So many at most has the model to choose from."""
 _SOIL_LIKE = (
     ("lateral force of each wheel", "own lateral speed", ("linear", "Coulomb-like")),
     ("longitudinal force of each wheel", "own slip", ("linear", "Coulomb-like")),
@@ -50,15 +52,36 @@ _ON_GROUND = (
 
 
 @dataclass(frozen=True)
+class Shortlisted:
+    """A force that the regression leaves possible.
+
+    Attributes
+    ----------
+    candidate : ForceCandidate
+    typical : float
+        Its root mean square, N or N m.
+    per_recording : tuple of (str, float)
+        Names, and the same in each.
+    span : (float, float)
+        Between which values its variable mostly was; of ridges two periods.
+    """
+
+    candidate: ForceCandidate
+    typical: float
+    per_recording: tuple[tuple[str, float], ...]
+    span: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class ForceFinding:
-    """What a look at the residuals found.
+    """What a regression of the residuals found.
 
     Attributes
     ----------
     chosen : tuple of ForceCandidate
-        Forces found one after the other.
+        The force that it found, then others that were found beside it as laws.
     rivals : tuple of ForceCandidate
-        The best ones when the first was chosen, best first, the chosen one included.
+        The best ones, best first, the chosen one included.
     typical : float
         Root mean square of the first force, N or N m.
     per_recording : tuple of (str, float)
@@ -67,6 +90,8 @@ class ForceFinding:
         Coordinates that go with what was found.
     spans : tuple of (float, float)
         Between which values the variable of each chosen force mostly was; of ridges two periods.
+    shortlist : tuple of Shortlisted
+        The forces that the model itself has to choose from, which tells more of them than the regression.
     """
 
     chosen: tuple[ForceCandidate, ...]
@@ -75,13 +100,22 @@ class ForceFinding:
     per_recording: tuple[tuple[str, float], ...]
     soil: Array
     spans: tuple[tuple[float, float], ...] = ()
+    shortlist: tuple[Shortlisted, ...] = ()
+
+    def instead(self, chosen: Sequence[Shortlisted]) -> ForceFinding:
+        """The finding with other forces chosen."""
+        first = chosen[0]
+        return replace(
+            self, chosen=tuple(one.candidate for one in chosen), typical=first.typical,
+            per_recording=first.per_recording, spans=tuple(one.span for one in chosen),
+        )  # fmt: skip
 
 
 def unexplained(problem: Problem, coordinates: Array, rounds: int = _ROUNDS) -> ForceFinding | None:
     """The force that a fit does not explain; None if nothing is left that a force would.
 
     A force that the fit does not know of has bent the soil to its own ends. So the soil is taken back as far as the
-    force that was found asks for, and another look is taken; the one whose force explains most says which it is.
+    force that was found asks for, and the regression is made again; the one whose force explains most says which it is.
 
     Parameters
     ----------
@@ -92,13 +126,22 @@ def unexplained(problem: Problem, coordinates: Array, rounds: int = _ROUNDS) -> 
     rounds : int
     """
     best = now = search_forces(problem, coordinates)
+    shortlist = now.shortlist
     for _ in range(rounds - 1):
         if not now.chosen:
             break
         now = search_forces(problem, now.soil)
+        shortlist += now.shortlist
         if now.chosen and now.chosen[0].worth > best.chosen[0].worth:
             best = now
-    return best if best.chosen else None
+    return replace(best, shortlist=_each_once(shortlist)) if best.chosen else None
+
+
+def _each_once(found: Sequence[Shortlisted]) -> tuple[Shortlisted, ...]:
+    """The best of each force in each form, best first, as many as are tried."""
+    ordered = sorted(found, key=lambda one: -one.candidate.worth)
+    named = {(one.candidate.force, one.candidate.form.variable, one.candidate.form.name): one for one in ordered[::-1]}
+    return tuple(sorted(named.values(), key=lambda one: -one.candidate.worth)[:_SHORTLISTED])
 
 
 def unexplained_of(found: ForceFinding) -> Unexplained:
@@ -111,24 +154,32 @@ def unexplained_of(found: ForceFinding) -> Unexplained:
     )  # fmt: skip
 
 
-def search_forces(problem: Problem, coordinates: Array, most: int = _MOST, windows: int = WINDOWS) -> ForceFinding:
-    """What forces explain at `coordinates` (p,), with all that was weighed; so many forces and windows at most."""
+def search_forces(problem: Problem, coordinates: Array, windows: int = WINDOWS) -> ForceFinding:
+    """What force explains the residuals at `coordinates` (p,), with all that was weighed; so many windows at most."""
     few = short(problem, windows)
     if not len(few):  # too little is measured to tell within tenths of a second which force acts
         return ForceFinding((), (), 0.0, (), coordinates)
     equations, of = regression(few, coordinates)
-    chosen: list[ForceCandidate] = []
-    first: list[ForceCandidate] = []
-    for _ in range(most):
-        ranked = weighed(equations, of)
-        first = first or ranked[:12]
-        if ranked[0].worth < FORCE_NATS:
-            break
-        chosen.append(ranked[0])
-        equations = equations.with_columns(_columns(equations, of, ranked[0].parts, ranked[0].form))
-    typical, each = _sizes(of, chosen[0], *few.recordings) if chosen else (0.0, ())
-    soil = _taken_back(problem, coordinates, equations)
-    return ForceFinding(tuple(chosen), tuple(first), typical, each, soil, tuple(_span(of, one) for one in chosen))
+    ranked = weighed(equations, of)
+    first = ranked[0]
+    if first.worth < FORCE_NATS:
+        return ForceFinding((), tuple(ranked[:_RIVALS]), 0.0, (), coordinates)
+    beside = equations.with_columns(_columns(equations, of, first.parts, first.form))
+    soil, shortlist = _taken_back(problem, coordinates, beside), _shortlist(ranked, of, *few.recordings)
+    found = ForceFinding((), tuple(ranked[:_RIVALS]), 0.0, (), soil, shortlist=shortlist)
+    return found.instead([_shortlisted(first, of, *few.recordings)])
+
+
+def _shortlist(
+    ranked: Sequence[ForceCandidate], of: Scene, names: Sequence[str], recording: NDArray[np.int64]
+) -> tuple[Shortlisted, ...]:
+    """All that explain anything, as far as that is not too many."""
+    best = sorted((one for one in ranked if one.worth > 0.0), key=lambda one: -one.worth)
+    return tuple(_shortlisted(one, of, names, recording) for one in best[:_SHORTLISTED])
+
+
+def _shortlisted(found: ForceCandidate, of: Scene, names: Sequence[str], recording: NDArray[np.int64]) -> Shortlisted:
+    return Shortlisted(found, *_sizes(of, found, names, recording), _span(of, found))
 
 
 def _span(of: Scene, found: ForceCandidate) -> tuple[float, float]:

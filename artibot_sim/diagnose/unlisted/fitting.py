@@ -15,15 +15,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
+from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect, without_effect
+from artibot_sim.diagnose.candidates.screening import around, expected_gain, screen
 from artibot_sim.diagnose.policy import FORCE_NATS
-from artibot_sim.diagnose.unlisted.finding import ForceFinding
+from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
+from artibot_sim.diagnose.unlisted.finding import ForceFinding, Shortlisted, unexplained
 from artibot_sim.diagnose.unlisted.search import ForceCandidate
 from artibot_sim.diagnose.words import NOTHING
+from artibot_sim.estimation.loss import Loss
+from artibot_sim.estimation.parallel import check_time
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge, restarted_windows
-from artibot_sim.estimation.solver import evaluate
+from artibot_sim.estimation.solver import Point, evaluate
 from artibot_sim.model.effects import LAWS
 from artibot_sim.model.effects.base import Search
 from artibot_sim.model.effects.force_law import PARAMETERS, PLACES, VARIABLES, place_words, variable_words
@@ -32,10 +36,12 @@ from artibot_sim.model.effects.parts import names_of
 Array = NDArray[np.float64]
 
 _TURNS = {"periodic, once a turn": 1, "periodic, twice a turn": 2}
-_SHARES = (0.25, 0.5, 0.75, 1.0)
-"""Shares of what the regression says, from which a fit is begun: in the soil that is there it may be too much."""
 _FEW, _MANY = 3, 8
 """Steps of a fit with a law that may not stay, and with all that do."""
+_SCREENED, _FITTED = 6, 2
+"""So many of the forces that promise most are screened by finite steps, and so many of these fitted."""
+_WINDOWS = 16
+"""Windows by which laws are chosen, at most."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +56,15 @@ class FittedLaws:
         What they gain together over the model without.
     spans : mapping of str to (float, float)
         Between which values each law's variable mostly was.
+    force : ForceFinding
+        The finding, with the laws' forces chosen.
     """
 
     problem: Problem
     fit: Fit
     nats: float
     spans: Mapping[str, tuple[float, float]]
+    force: ForceFinding
 
 
 @cache
@@ -90,6 +99,9 @@ def law_of(found: ForceCandidate, modules: int = 2) -> tuple[dict[str, Any], Arr
         along, across = form.wave
         law |= {"variable": "place", "form": "periodic", "scale": 2.0 * math.pi / math.hypot(along, across)}
         return law | {"direction": math.atan2(across, along)}, _cosine_and_sine(found.coefficients)
+    if form.law == "periodic":
+        law |= {"variable": variable(form.variable), "form": form.law, "scale": form.scale}
+        return law, _cosine_and_sine(found.coefficients)
     if form.name in _TURNS and len(found.coefficients) == 2:
         law |= {"form": "periodic", "scale": 2.0 * math.pi / _TURNS[form.name]}
         return law | {"variable": variable(form.variable)}, _cosine_and_sine(found.coefficients)
@@ -119,26 +131,97 @@ def fitted_laws(
 ) -> FittedLaws | None:
     """The forces of a finding as laws, one after the other, as long as each is worth it; None where none is.
 
+    What forces are worth in the regression is limited by how windows scatter, and many tie there that are far from each
+    other over whole windows. So the model itself chooses among all that it leaves possible. With one law in the model
+    the next is looked for in what that leaves.
+
     Parameters
     ----------
     problem, fit : Problem, Fit
-        The model without, at whose residuals the forces were found.
+        The model without, at whose residuals the force was found.
     """
-    now, spans = (problem, fit), dict[str, tuple[float, float]]()
-    free = [name for name in LAWS if name not in problem.parameters.robot.effects]
-    for candidate, span in zip(found.chosen, found.spans, strict=True):
-        translated = law_of(candidate, len(problem.parameters.robot.modules))
-        if translated is not None and len(spans) < len(free):
-            name = free[len(spans)]
-            more = _with_law(*now, extension_of(name, *translated), translated[1], found.soil)
-            if now[1].point.cost - more[1].point.cost > 2.0 * FORCE_NATS:
-                now, spans[name] = more, span
+    now, spans, chosen = (problem, fit), dict[str, tuple[float, float]](), list[Shortlisted]()
+    left: ForceFinding | None = found
+    for name in [name for name in LAWS if name not in problem.parameters.robot.effects]:
+        best = None if left is None else _best_law(*now, name, left)
         tick()
+        if best is None:
+            break
+        last = _fitted(*now, best)
+        if now[1].point.cost - last[1].point.cost <= 2.0 * FORCE_NATS:
+            break
+        now, spans[name] = last, best.one.span
+        chosen.append(best.one)
+        if not leaves_more_than_noise(remains(now[0], now[1].point)):
+            break
+        left = unexplained(now[0], now[1].point.coordinates, 1)
     if not spans:
         return None
-    larger, last = _needed(now[0], converge(now[0], now[1].point, fit.loss, _MANY))
+    larger, last_fit = _needed(now[0], converge(now[0], now[1].point, fit.loss, _MANY))
     kept = {law.id: spans[law.id] for law in larger.parameters.extensions if law.id in spans}
-    return FittedLaws(larger, last, 0.5 * (fit.point.cost - last.point.cost), kept)
+    stayed = [one for one, name in zip(chosen, spans, strict=True) if name in kept]
+    return FittedLaws(larger, last_fit, 0.5 * (fit.point.cost - last_fit.point.cost), kept, found.instead(stayed))
+
+
+@dataclass(frozen=True)
+class _Law:
+    """A law that was chosen, with the model that has it, fitted to the windows by which it was chosen."""
+
+    one: Shortlisted
+    extension: Extension
+    problem: Problem
+    fit: Fit
+
+
+def _best_law(problem: Problem, fit: Fit, name: str, found: ForceFinding) -> _Law | None:
+    """Which of the forces that a finding leaves possible the model asks for most; None if nothing gains by any.
+
+    So many windows tell. A force that the fit does not know of has bent the soil, and the forces with it: they are
+    looked for once more on the soil that goes with the best of them, where that leaves more than noise.
+    """
+    rows = np.unique(np.linspace(0, len(problem) - 1, _WINDOWS).round().astype(int))
+    part = problem.part(rows.tolist())
+    at = evaluate(part, fit.loss, [fit.point.coordinates], fit.point.starts[rows])[0]
+    best = _best_from(part, fit.loss, at, name, found)
+    if best is None or not leaves_more_than_noise(remains(best.problem, best.fit.point)):
+        return best
+    _, on_its_soil = without_effect(best.problem, fit.loss, best.fit.point)
+    again = unexplained(problem, on_its_soil.coordinates, 1)
+    better = None if again is None else _best_from(part, fit.loss, on_its_soil, name, again)
+    return min((one for one in (best, better) if one is not None), key=lambda one: one.fit.point.cost)
+
+
+def _best_from(part: Problem, loss: Loss, at: Point, name: str, found: ForceFinding) -> _Law | None:
+    """The same from a point of the model without it.
+
+    Screened as effects are: all by sensitivities of whole windows, the best of each force by finite steps.
+    """
+    base, promised = around(part, loss, at), list[tuple[float, Shortlisted, Hypothesis]]()
+    for one in found.shortlist:
+        check_time()
+        translated = law_of(one.candidate, len(part.parameters.robot.modules))
+        if translated is not None:
+            law = Hypothesis(extension_of(name, *translated))
+            promised.append((expected_gain(base, law), one, law))
+    promised.sort(key=lambda each: -each[0])
+    followed = dict[tuple[str, str, str], tuple[Shortlisted, Hypothesis]]()
+    for _, one, law in promised:
+        followed.setdefault((one.candidate.force, one.candidate.form.variable, one.candidate.form.times), (one, law))
+    tried = [*followed.values()][:_SCREENED]
+    trials = screen(base, [law for _, law in tried])
+    fits = list[_Law]()
+    for which in np.argsort([trial.point.cost for trial in trials], kind="stable")[:_FITTED].tolist():
+        check_time()
+        (one, law), larger, point = tried[which], trials[which].problem, trials[which].point
+        fits.append(_Law(one, law.extension, larger, converge(larger, point, loss, _FEW)))
+    return min(fits, key=lambda each: each.fit.point.cost, default=None)
+
+
+def _fitted(problem: Problem, fit: Fit, law: _Law) -> tuple[Problem, Fit]:
+    """The model with a law, fitted to all windows from where those went by which it was chosen."""
+    larger = with_effect(problem, law.extension)
+    point = evaluate(larger, fit.loss, [law.fit.point.coordinates], fit.point.starts)[0]
+    return larger, converge(larger, restarted_windows(larger, fit.loss, point), fit.loss, _FEW)
 
 
 def _needed(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
@@ -151,15 +234,3 @@ def _needed(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:
         if less.point.cost - fit.point.cost <= 2.0 * FORCE_NATS:
             problem, fit = part, less
     return problem, fit
-
-
-def _with_law(problem: Problem, fit: Fit, law: Extension, size: Array, soil: Array) -> tuple[Problem, Fit]:
-    """A model with one more law, fitted by a few steps from the best of several beginnings."""
-    larger, own = with_effect(problem, law), size / law.search.sizes["size"]
-    beginnings = [fit.point.coordinates]
-    if len(soil) == len(fit.point.coordinates):
-        beginnings.append(soil)
-    places = [np.concatenate([at, share * own]) for at in beginnings for share in _SHARES]
-    point = min(evaluate(larger, fit.loss, places, fit.point.starts), key=lambda one: one.cost)
-    point = restarted_windows(larger, fit.loss, point)
-    return larger, converge(larger, point, fit.loss, _FEW)

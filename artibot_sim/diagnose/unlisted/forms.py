@@ -26,6 +26,8 @@ WANDERING = "wandering in time"
 """A form that says nothing of another day."""
 _KNOTS = 2.5
 """s between the corners of a force that wanders in time."""
+_PER_PERIOD, _WAVES = 4, 60
+"""Waves in time that are tried from one more period in a recording to the next, and of them all."""
 _FADES = (4.0, 8.0, 16.0, 32.0)
 """s in which a drag falls to a third."""
 _SHARP = 0.08
@@ -132,6 +134,16 @@ def forms(variable: str, every: Array, recordings: int) -> Iterator[Form]:
         # only those that something is measured near: windows may be minutes apart
         corners = every.min() + _KNOTS * np.unique([np.floor(at), np.ceil(at)])
         yield Form(variable, WANDERING, lambda u, r: _linear_between(u, corners), rms, across=recordings > 1)
+        yield from _in_time(variable, float(np.ptp(every)), recordings)
+
+
+def _in_time(variable: str, longest: float, recordings: int) -> Iterator[Form]:
+    """Waves in time from half a period in the longest recording on, so close that some one is hardly out of phase."""
+    for count in range(_PER_PERIOD // 2, _WAVES if longest > 0.0 else 0):
+        period = _PER_PERIOD * longest / count
+        name = f"periodic in time with period {period:.3g} s"
+        curve = waves(2.0 * np.pi / period)
+        yield Form(variable, name, curve, amplitude, across=recordings > 1, scale=period, law="periodic")
 
 
 def _signed(variable: str, usual: float) -> Iterator[Form]:
@@ -194,8 +206,8 @@ def _of_one(law: str, scale: float) -> Curve:
     return lambda u, r: shape(u / scale)[..., None]
 
 
-def waves(count: int) -> Curve:
-    """cos and sin of so many times an angle."""
+def waves(count: float) -> Curve:
+    """cos and sin of so many times an angle, or of so many radians a second."""
     return lambda u, r: np.stack([np.cos(count * u), np.sin(count * u)], axis=-1)
 
 

@@ -49,7 +49,7 @@ def found_in(name: str) -> tuple[Problem, ForceFinding, dict, dict]:
     hidden = case((name,), 1.0, 2, runs=3, held_out=0, duration=30.0)
     problem = problem_of(hidden.recordings, parameter_set(AGRIQ, SOIL), 5.0, 2)
     soil = problem.parameters.coordinates([hidden.truth.soil[key] for key in SOIL])
-    return problem, search_forces(problem, soil, most=1), hidden.truth.unlisted[name], hidden.truth.soil
+    return problem, search_forces(problem, soil), hidden.truth.unlisted[name], hidden.truth.soil
 
 
 def robot_of(problem: Problem, found: ForceFinding) -> Robot:
@@ -143,7 +143,7 @@ def test_what_wanders_alike_in_every_recording_is_told_from_others() -> None:
     hidden = case(("wandering_moment",), 1.0, 2, runs=3, held_out=0, duration=45.0)
     problem = problem_of(hidden.recordings, parameter_set(AGRIQ, SOIL), 5.0, 2)
     soil = problem.parameters.coordinates([hidden.truth.soil[key] for key in SOIL])
-    found = search_forces(problem, soil, most=1, windows=150)
+    found = search_forces(problem, soil, windows=150)
     assert found.chosen[0].form.name == WANDERING
     advice = next_for_force(problem, found, LEVELS, library=SHORT)
     assert advice is not None and advice.nats > 5.0

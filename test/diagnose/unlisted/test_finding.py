@@ -46,7 +46,7 @@ def hidden(*effects: str) -> tuple[Case, Problem, np.ndarray]:
 @cache
 def seen(*effects: str) -> tuple[Case, ForceFinding]:
     found, problem, soil = hidden(*effects)
-    return found, search_forces(problem, soil, most=1, windows=150)
+    return found, search_forces(problem, soil, windows=150)
 
 
 def settled(problem: Problem, coordinates: np.ndarray) -> Point:

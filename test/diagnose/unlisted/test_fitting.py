@@ -76,9 +76,17 @@ def test_products_of_two_variables_are_the_same_force_in_the_model(variable: str
             assert stated(law, size, u, second) == pytest.approx(expected, rel=1e-9)
 
 
+def test_waves_in_time_are_the_same_force_in_the_model() -> None:
+    wave = [form for form in forms("time since the start", np.linspace(0.0, 30.0, 50), 2) if form.law][5]
+    law, size = law_of(candidate("back yaw moment", wave, np.array([3.0, -5.0])))
+    for t in RNG.uniform(0.0, 30.0, 10):
+        expected = (wave.curve(np.array([[t]]), np.zeros(1, int)) @ [3.0, -5.0]).item()
+        assert stated(law, size, t) == pytest.approx(expected, rel=1e-9)
+
+
 def test_what_the_model_has_no_term_for_stays_in_words() -> None:
     (towards,) = forms("place", np.ones(3), 1)
-    (wandering,) = forms("time since the start", np.arange(9.0), 1)
+    wandering = next(forms("time since the start", np.arange(9.0), 1))
     every = np.linspace(0.0, 9.0, 20)
     own_phase = [form for form in forms("own angle", every, 2) if form.name == "periodic, once a turn"][1]
     assert law_of(candidate("front horizontal force", towards, np.ones(3))) is None

@@ -68,7 +68,7 @@ def test_a_spring_in_the_second_joint_alone_is_found_and_is_a_law():
     drives = [replace(synthetic(real, TURNS, seed=seed), name=f"drive{seed}", path=Path(f"{seed}")) for seed in (1, 2)]
     problem = problem_of(drives, parameter_set(robot, SOIL), 3.0, 1)
     soil = np.zeros(len(problem.parameters))
-    found = search_forces(problem, soil, most=1, windows=100)
+    found = search_forces(problem, soil, windows=100)
     answer = unexplained_of(found)
     assert (answer.force, answer.variable, answer.form) == ("yaw moment in joint 2", "articulation angle", "linear")
     law, _ = law_of(found.chosen[0], len(robot.modules)) or ({}, None)
