@@ -1,7 +1,9 @@
-"""How often the force that is described is the hidden one: from the soil's fit alone, no effect is tried.
+"""How often the force that is described is the hidden one, and what it predicts: no effect on the list is tried.
 
 `PYTHONPATH=.:test python -m diagnose.hidden.forces --seeds 1,2 --severity 1,0.3` hides all that is on no list, or
-nothing. A force's nats count where a fit leaves more than noise; where nothing is hidden, they say what chance brings.
+nothing, fits the soil and then laws, as a diagnosis does, and holds their predictions of another recording against the
+true model's. A force's nats count where a fit leaves more than noise; where nothing is hidden, they say what chance
+brings.
 """
 
 from __future__ import annotations
@@ -9,24 +11,27 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections import Counter
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import NamedTuple
 
-from diagnose.hidden.cases import case
-from diagnose.hidden.score import is_described
+from diagnose.hidden.cases import Case, case
+from diagnose.hidden.score import MOST_OF_IT, is_described, relative_gain
+from diagnose.hidden.table import with_interval
 from diagnose.hidden.unlisted import LAWS, UNLISTED
+from diagnose.hidden.work import reference
 
 from artibot_sim.cluster import map_tasks
 from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.unlisted.finding import unexplained, unexplained_of
+from artibot_sim.diagnose.unlisted.fitting import fitted_laws
 from artibot_sim.diagnose.words import force_words
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model import load_robot
-from artibot_sim.progress import Bar
+from artibot_sim.identify.validation import hold_out
+from artibot_sim.model import Robot, load_robot
 
 NOTHING = "nothing"
 
@@ -40,13 +45,32 @@ class Task(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What came of a task: whether more than noise was left, the force in words, its nats, and whether it is right."""
+    """What came of a task.
+
+    Attributes
+    ----------
+    task : Task
+    more : bool
+        Whether the soil's fit leaves more than noise.
+    said : str
+        The force in words; empty where there is none.
+    nats : float
+        What the regression says of it.
+    right : bool
+        Whether force and variable are the hidden one's.
+    gain : float or None
+        Share of the true model's gain on what is held out that the model with laws brings.
+    seconds : float
+        Of processor time, the soil's fit apart.
+    """
 
     task: Task
     more: bool
-    said: str
-    nats: float
-    right: bool
+    said: str = ""
+    nats: float = 0.0
+    right: bool = False
+    gain: float | None = None
+    seconds: float = 0.0
 
 
 def seen(task: Task, runs: int, duration: float) -> Seen:
@@ -54,13 +78,33 @@ def seen(task: Task, runs: int, duration: float) -> Seen:
     effects = () if task.name == NOTHING else (task.name,)
     hidden = case(effects, task.severity, task.seed, runs=runs, duration=duration)
     problem, fit = baseline(hidden.recordings, load_robot("agriq"), Options(workers=1))
-    more = leaves_more_than_noise(remains(problem, fit.point))
+    more, begun = leaves_more_than_noise(remains(problem, fit.point)), time.process_time()
     found = unexplained(problem, fit.point.coordinates)
+    laws = None if found is None or not more else fitted_laws(problem, fit, found)
+    took = time.process_time() - begun
+    gain = None
+    if hidden.truth.unlisted and more:
+        without = case((), task.severity, task.seed, runs=runs, duration=duration)
+        last = (problem, fit) if laws is None else (laws.problem, laws.fit)
+        gain = _share(
+            without, hidden, *(one.parameters.robot_at(at.point.coordinates) for one, at in ((problem, fit), last))
+        )
     if found is None:
-        return Seen(task, more, "", 0.0, False)
-    what = unexplained_of(found)
+        return Seen(task, more, gain=gain, seconds=took)
+    what = unexplained_of(found if laws is None else laws.force)
+    said = force_words(what) + ("" if laws is not None else " (no law)")
     right = is_described(vars(what), hidden.truth.unlisted)
-    return Seen(task, more, force_words(what), found.chosen[0].worth, right)
+    return Seen(task, more, said, found.chosen[0].worth, right, gain, took)
+
+
+def _share(without: Case, hidden: Case, before: Robot, after: Robot) -> float | None:
+    """Of the true model's gain on what is held out; `without` is the same case with nothing hidden."""
+    ends = [
+        {name: fit.rmse for name, fit in hold_out(hidden.holdout[0], robot, hidden.horizon, 1).summary.channels.items()}
+        for robot in (before, after)
+    ]
+    gain = {name: {"before": ends[0][name], "after": ends[1][name]} for name in ends[0]}
+    return relative_gain(gain, reference(without))
 
 
 def tasks(seeds: Sequence[int], severities: Sequence[float], clean: int, names: Sequence[str]) -> list[Task]:
@@ -69,28 +113,32 @@ def tasks(seeds: Sequence[int], severities: Sequence[float], clean: int, names: 
     return found + [Task(NOTHING, 0.0, seed) for seed in range(1, clean + 1)]
 
 
-def table(results: Sequence[Seen]) -> list[str]:
-    """A line a case, and the counts."""
-    lines = []
-    for one in sorted(results, key=lambda one: one.task):
-        said = f"{one.nats:8.1f}  {one.said}" if one.said else "       –  no force"
-        mark = " " if one.task.name == NOTHING or not one.said else "+" if one.right else "!"
-        noise = "" if one.more else "  (no more than noise is left: not asked for)"
-        lines.append(f"{one.task.name:<20}{one.task.severity:<5g}{one.task.seed:<4}{mark} {said}{noise}")
-    acting = [one for one in results if one.task.name != NOTHING and one.more]
-    counts = Counter("right" if one.right else "otherwise" if one.said else "none" for one in acting)
-    lines.append(
-        f"{len(acting)} with more than noise left: described rightly {counts['right']}, otherwise "
-        f"{counts['otherwise']}, not at all {counts['none']}"
-    )
+def line(one: Seen) -> str:
+    """A case in a line."""
+    said = f"{one.nats:8.1f}  {one.said}" if one.said else "       –  no force"
+    mark = " " if one.task.name == NOTHING or not one.said else "+" if one.right else "!"
+    noise = "" if one.more else "  (no more than noise is left: not asked for)"
+    gain = "    –" if one.gain is None else f"{100 * one.gain:4.0f} %"
+    return f"{one.task.name:<20}{one.task.severity:<5g}{one.task.seed:<6}{mark} {gain}{said}{noise} {one.seconds:.0f} s"
+
+
+def counts(results: Sequence[Seen]) -> Iterator[str]:
+    """How many are right, with binomial intervals."""
+    for severity in sorted({one.task.severity for one in results if one.task.name != NOTHING}, reverse=True):
+        acting = [one for one in results if one.task.severity == severity and one.task.name != NOTHING]
+        asked = [one for one in acting if one.more]
+        gains = [one.gain for one in asked if one.gain is not None]
+        equal = [one.right or (one.gain is not None and one.gain >= MOST_OF_IT) for one in asked]
+        yield f"severity {severity:g}: more than noise left in {with_interval(len(asked), len(acting))}; of these"
+        yield f"  described rightly {with_interval(sum(one.right for one in asked), len(asked))}"
+        yield f"  that, or as good in prediction {with_interval(sum(equal), len(asked))}"
+        most = sum(one >= MOST_OF_IT for one in gains)
+        yield f"  {MOST_OF_IT:.0%} of the true model's gain {with_interval(most, len(gains))}"
     clean = [one for one in results if one.task.name == NOTHING]
     if clean:
-        told = sum(bool(one.said) for one in clean)
-        asked = sum(one.more for one in clean)
-        lines.append(
-            f"{len(clean)} with nothing hidden: a force would have been found in {told}, was asked for in {asked}"
-        )
-    return lines
+        found = sum(bool(one.said) for one in clean)
+        yield f"nothing hidden: a force would be found in {with_interval(found, len(clean))}"
+        yield f"  is asked for in {with_interval(sum(one.more for one in clean), len(clean))}"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -99,7 +147,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", default="1,2", help="by comma [1,2]")
     parser.add_argument("--severity", default="1,0.3", help="one or several, by comma [1,0.3]")
     parser.add_argument("--clean", type=int, default=24, help="cases with nothing hidden, of seeds 1 to so many [24]")
-    parser.add_argument("--laws", action="store_true", help="hide what nothing was tuned on: products, thresholds, …")
+    parser.add_argument("--names", help="what to hide, by comma [all that is on no list]")
     parser.add_argument("--runs", type=int, default=2, help="recordings [2]")
     parser.add_argument("--duration", type=float, default=30.0, help="of each, s [30]")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes [all cores]")
@@ -107,17 +155,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         seeds = [int(part) for part in options.seeds.split(",")]
         severities = [float(part) for part in options.severity.split(",")]
-        todo = tasks(seeds, severities, options.clean, tuple(LAWS if options.laws else UNLISTED))
+        todo = tasks(
+            seeds, severities, options.clean, options.names.split(",") if options.names else (*UNLISTED, *LAWS)
+        )
         results = []
-        with Bar(total=float(len(todo))) as bar:
-            work = partial(seen, runs=options.runs, duration=options.duration)
-            for _, result in map_tasks(work, todo, workers=options.workers):
-                results.append(result)
-                bar.show(len(results), f"case {len(results)} of {len(todo)}")
+        work = partial(seen, runs=options.runs, duration=options.duration)
+        for _, result in map_tasks(work, todo, workers=options.workers):
+            results.append(result)
+            print(line(result), flush=True)
     except (ArtibotError, ValueError) as error:
         print(error, file=sys.stderr)
         return 2
-    print("\n".join(table(results)))
+    print("\n".join(counts(results)))
     return 0
 
 
