@@ -166,13 +166,20 @@ def _predictions(
 
 
 def _parameters(decision: Decision, after: Uncertain, seed: int) -> dict[str, Mapping[str, EffectEstimate]]:
-    """Parameters of all named effects, and of laws, with their intervals."""
-    problem, fit = decision.whole
+    """Parameters of all named effects, and of laws, with their intervals.
+
+    Where recordings have soils of their own beside effects, one soil for all would bend these: then each is the mean of
+    what recordings by themselves ask for.
+    """
+    (problem, fit), alone = decision.whole, decision.by_recording
     found: dict[str, Mapping[str, EffectEstimate]] = {}
     for which, part in enumerate(problem.parameters.places):
         extension = problem.parameters.extensions[which]
         where = disc_place(problem, fit, which, seed)
-        found[extension.id] = found_parameters(extension, after.coordinates[part], after.covariance[part, part], where)
+        own = after.coordinates[part], after.covariance[part, part]
+        if alone is not None and alone.sufficient and extension.id in alone.effects:
+            own = alone.mean(extension.id)
+        found[extension.id] = found_parameters(extension, *own, where)
     return found | {named.effect: named.found for named in decision.named if named.found}
 
 

@@ -296,8 +296,11 @@ def _contradiction(decision: Decision) -> list[str]:
     if alone is None:
         return []
     if decision.verdict is not Verdict.UNEXPLAINED:
-        own = f"; by themselves they ask for {alone.size_words}" if alone.sizes else ""
-        return [f"{differing(alone.words)}; one soil was fitted to all of them, so sizes are a compromise{own}"]
+        said = f"{differing(alone.words)}; one soil was fitted to all of them"
+        if not alone.sizes:
+            return [said]
+        means = "the means of" if alone.sufficient else "a compromise between"
+        return [f"{said}, and sizes are {means} what they ask for by themselves: {alone.size_words}"]
     return partly(alone.names, alone.unexplained_alone)
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from artibot_sim.diagnose.records import SlowResidual, Unexplained
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
@@ -42,6 +43,8 @@ class ByRecording:
         Log Bayes factor of a soil of its own in each against one for all.
     left : tuple of mapping of str to Left
         What each fit leaves, by channel.
+    effects : mapping of str to array, shape (recordings, k)
+        Coordinates of each effect that was fitted.
     """
 
     names: tuple[str, ...]
@@ -49,6 +52,17 @@ class ByRecording:
     sizes: tuple[tuple[str, str, Array], ...]
     nats: float
     left: tuple[Mapping[str, SlowResidual], ...]
+    effects: Mapping[str, Array] = field(default_factory=dict)
+
+    def mean(self, effect: str) -> tuple[Array, Array]:
+        """Mean of an effect's coordinates over the recordings, shape (k,), and its covariance, shape (k, k).
+
+        The recordings are taken as drawn from all that the rover may make. So few of them say little of how they
+        scatter: the covariance is so much wider that 1.96 deviations are Student's 95 %.
+        """
+        each = self.effects[effect]
+        n, wider = len(each), float(stats.t.ppf(0.975, len(each) - 1) / stats.norm.ppf(0.975))
+        return each.mean(axis=0), wider**2 * np.atleast_2d(np.cov(each.T)) / n
 
     @property
     def unexplained_alone(self) -> tuple[str, ...]:
@@ -70,7 +84,10 @@ class ByRecording:
     @property
     def size_words(self) -> str:
         """The effects as each recording by itself has them; empty where none was fitted."""
-        return "; ".join(_listed(self.names, *one) for one in self.sizes)
+        return "; ".join(
+            f"{_listed(self.names, *one)} (mean {number(float(one[2].mean()), 3)}, spread "
+            f"{number(float(one[2].std(ddof=1)), 2)})" for one in self.sizes
+        )  # fmt: skip
 
     @property
     def unexplained(self) -> Unexplained:
@@ -114,10 +131,12 @@ def fitted_by_recording(problem: Problem, fit: Fit, rounds: Rounds | None = None
     gained = 0.5 * (together - sum(one.point.cost for _, one in fits))
     occam = sum(_occam(part, one) for part, one in fits) - _occam(problem, fit)
     values = np.array([problem.parameters.values(one.point.coordinates) for _, one in fits])
-    every = zip(problem.parameters.parameters, values.T, strict=True)
-    soil = tuple((parameter.name, parameter.unit, column) for parameter, column in every)
+    columns = zip(problem.parameters.parameters, values.T, strict=True)
+    soil = tuple((parameter.name, parameter.unit, column) for parameter, column in columns)
     sizes, left = _sizes(problem, [one for _, one in fits]), tuple(remains(part, one.point) for part, one in fits)
-    return ByRecording(names, soil, sizes, gained + min(0.0, occam), left)
+    every = zip(problem.parameters.extensions, problem.parameters.places, strict=True)
+    effects = {one.id: np.array([fit.point.coordinates[place] for _, fit in fits]) for one, place in every}
+    return ByRecording(names, soil, sizes, gained + min(0.0, occam), left, effects)
 
 
 def _sizes(problem: Problem, fits: Sequence[Fit]) -> tuple[tuple[str, str, Array], ...]:
@@ -129,6 +148,8 @@ def _sizes(problem: Problem, fits: Sequence[Fit]) -> tuple[tuple[str, str, Array
             quantity = extension.effect.parameters[name].quantity
             assert isinstance(quantity, Quantity)
             column = np.array([float(one[name]) for one in values])
+            if name == extension.search.direction:  # without a jump by a turn between them
+                column = column[0] + (column - column[0] + np.pi) % (2.0 * np.pi) - np.pi
             found.append((f"{effect_words(extension.id)}: {effect_words(name)}", quantity.unit, column))
     return tuple(found)
 
