@@ -19,6 +19,7 @@ import numpy as np
 from diagnose.hidden.journal import read_results
 from diagnose.hidden.null import NullCase, added, is_null, read
 from diagnose.hidden.table import Scored, with_interval
+from scipy.stats import binomtest
 
 from artibot_sim.diagnose.policy import THRESHOLDS
 from artibot_sim.diagnose.remains import LIMITS
