@@ -24,6 +24,7 @@ from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.columns import find_segments, measured_stamps
 from artibot_sim.experiment.rollout_bag import write_channels
 from artibot_sim.experiment.topics import BY_KEY
+from artibot_sim.identify.synthetic import Noise as SensorNoise
 from artibot_sim.identify.synthetic import random_manoeuvre, synthetic
 from artibot_sim.identify.synthetic import random_soil as synthetic_soil
 from artibot_sim.model import Robot, load_robot
@@ -146,7 +147,7 @@ def case(
         A rigid robot is driven so as well, and seen by Agri.q's sensors, those of torques among them.
     """
     if load_robot(robot).trailing or torques:
-        return _by_model(effects, severity, seed, runs, held_out, duration, robot)
+        return _by_model(effects, severity, seed, runs, held_out, duration, robot, noise or Noise())
     if not load_robot(robot).articulated:
         return _logged(effects, severity, seed, runs, held_out, duration, robot)
     drives, put_in, soil = driven(effects, severity, seed, runs + held_out, duration, manoeuvres, soil, robot)
@@ -183,8 +184,9 @@ def _logged(
 
 
 def _by_model(
-    effects: Sequence[str], severity: float, seed: int, runs: int, held_out: int, duration: float, robot: str
-) -> Case:
+    effects: Sequence[str], severity: float, seed: int, runs: int, held_out: int, duration: float, robot: str,
+    noise: Noise,
+) -> Case:  # fmt: skip
     """Recordings of a robot that the model itself drives, with nothing hidden."""
     if effects:
         raise ArtibotError(
@@ -193,17 +195,26 @@ def _by_model(
         )
     rng = np.random.default_rng([seed, 0])
     real = synthetic_soil(load_robot(robot), rng)
+    seen = _as_seen(noise, real)
     found = [
         synthetic(
             real, random_manoeuvre(rng, duration), duration=duration, kappa=float(rng.uniform(0.62, 1.0)),
             seed=int(rng.integers(2**31)), start=(*rng.uniform(-1.5, 1.5, 2), rng.uniform(-np.pi, np.pi)),
-            name=f"run{i}",
+            name=f"run{i}", noise=seen,
         )
         for i in range(runs + held_out)
     ]  # fmt: skip
     soil = {name: float(getattr(real.contact, name)) for name in SOIL}
     truth = Truth({}, {}, {}, {}, soil, severity, seed, ("random",) * len(found))
     return Case(tuple(found[:runs]), tuple(found[runs:]), truth, robot)
+
+
+def _as_seen(noise: Noise, robot: Robot) -> SensorNoise:
+    """Noise for the model's own recordings: encoders count as many a metre of way, whatever the gear."""
+    own = noise.of(robot)
+    same = {name: getattr(own, name) for name in vars(own) if name in SensorNoise.__dataclass_fields__}
+    counts = max(1, round(own.counts / scale_of(robot).speed))
+    return SensorNoise(**{**same, "counts": counts, "station": float(np.hypot(own.station, own.drift))})
 
 
 def recipe(name: str) -> Recipe:
