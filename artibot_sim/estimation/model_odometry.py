@@ -262,6 +262,7 @@ class ModelOdometry:
         self._streams, self._slip = streams or StreamProperties(), slip or self.SLIP
         self._scale = errors.encoder_scale
         self.gyro = Gyroscope(self._streams, errors.gyro_bias)
+        self._gyro_sign = -1.0 if robot.sensors.gyro_flip else 1.0
         motors = 4 if robot.articulated else 2
         tau = [robot.drive.front.tau] * 2 + [(robot.drive.back or robot.drive.front).tau] * 2
         self._tau = np.array(tau)
@@ -314,8 +315,8 @@ class ModelOdometry:
             self._turn(_TAKE_UP, speeds)  # speeds that are met under way have long led to a steady motion
 
     def take_gyro(self, t: float, rate: float) -> None:
-        """Take a yaw rate of the front module (rad/s), stamped `t` s."""
-        self.gyro.take(t - self._streams.gyro_delay, rate, self._still_for > _SETTLED)
+        """Take a yaw rate of the front module (rad/s), stamped `t` s; the robot file knows of one upside down."""
+        self.gyro.take(t - self._streams.gyro_delay, self._gyro_sign * rate, self._still_for > _SETTLED)
 
     def take_articulation(self, angle: float) -> None:
         """Take a measured articulation (rad): a model that has left it behind is put there."""

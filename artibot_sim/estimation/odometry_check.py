@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,12 @@ LENGTH = 10.0
 """m that the faster side rolls in a window; a segment that is shorter is a window of its own."""
 _LEAST = 0.3
 """Windows of less than so much of `LENGTH`, or of the longest window, are left out."""
+ALIKE = 0.1
+"""Two windows are driven alike where each side's ways differ by less than this share of the longest one."""
+ENOUGH = 20
+"""Windows to fit covariances on, at least: of fewer the 95 % quantile lies beyond the largest that was seen."""
+SHORTEST = 0.5
+"""m of a window to fit covariances on, at least."""
 _FEWEST = 5
 """Nearly straight windows from which a spread is said."""
 _BOUND = float(chi2.ppf(0.95, 3))
@@ -101,11 +108,20 @@ class OdometryWindow:
 
 @dataclass(frozen=True)
 class ReferencePoses:
-    """Poses of the front module that were measured: times (n,) s, x, y and yaw (n, 3), and their noise (3,)."""
+    """Poses of the front module that were measured.
+
+    Attributes
+    ----------
+    t : (n,) s, when they were true.
+    pose : x, y (m) and yaw (rad), (n, 3).
+    noise : (3,)
+    delay : s, by which their stamps are later.
+    """
 
     t: Array
     pose: Array
     noise: Array
+    delay: float = 0.0
 
     @classmethod
     def of(cls, experiment: Experiment, robot: Robot, delay: float) -> ReferencePoses:
@@ -114,14 +130,20 @@ class ReferencePoses:
         pose = np.column_stack([channel["x"], channel["y"], channel["yaw"]])
         there = np.flatnonzero(np.isfinite(pose).all(axis=1))
         there = there[fresh(pose[there])]
-        pose, t = pose[there], channel.t[there] - delay - errors.delay
+        late = delay + errors.delay
+        pose, t = pose[there], channel.t[there] - late
         pose[:, 2] -= errors.heading
         c, s = np.cos(pose[:, 2]), np.sin(pose[:, 2])
         pose[:, 0] -= c * errors.arm_x - s * errors.arm_y
         pose[:, 1] -= s * errors.arm_x + c * errors.arm_y
         pose[:, 2] = np.unwrap(pose[:, 2])
         noise = [noise_of(t, column) if len(t) > 15 else math.nan for column in pose.T]
-        return cls(t, pose, np.nan_to_num(noise))
+        return cls(t, pose, np.nan_to_num(noise), late)
+
+    def known(self, begin: float, end: float) -> tuple[float, float] | None:
+        """From when to when poses are known that are stamped between two instants (s); None where they are not."""
+        t = self.t[(self.t + self.delay >= begin - 1e-6) & (self.t + self.delay <= end + 1e-6)]
+        return (float(t[0]), float(t[-1])) if len(t) > 1 else None
 
     def between(self, begin: float, end: float) -> Array:
         """Pose (3,) at the end, seen from that at the beginning."""
@@ -200,7 +222,10 @@ def _windows(
     """Yield the rows between which the windows of each segment lie: one more than windows."""
     lag = settings.streams.rotation_delay
     for begin, end in experiment.segments:
-        begin, end = max(begin, float(reference.t[0]) + lag), min(end, float(reference.t[-1]) + lag)
+        known = reference.known(begin, end)  # poses of one segment say nothing of another's
+        if known is None:
+            continue
+        begin, end = max(begin, known[0] + lag), min(end, known[1] + lag)
         rows = np.flatnonzero((motors.t >= begin - 1e-6) & (motors.t <= end + 1e-6))
         if len(rows) < 3:
             continue
@@ -282,6 +307,55 @@ def heading_walk(found: Sequence[OdometryWindow], track: float) -> tuple[float, 
     if len(errors) < _FEWEST:
         return math.nan, len(errors)
     return 1.4826 * float(np.median(np.abs(errors - np.median(errors)))), len(errors)
+
+
+def repeatability(found: Sequence[OdometryWindow], track: float) -> tuple[float, int]:
+    """Return by how much the heading at the end differs between windows in a row that were driven alike, rad.
+
+    No odometry by rotations alone can tell such windows apart, so its median error is not below that on this ground:
+    the median difference over the square root of two, as both have their share.
+
+    Parameters
+    ----------
+    track : m, of wheels that say what little difference there is in how they were driven.
+
+    Returns
+    -------
+    float, int
+        NaN where there are fewer than `ENOUGH` such pairs; how many there are.
+    """
+    differences = []
+    for one, next_one in pairwise(found):
+        first, second = one.sides[-1], next_one.sides[-1]
+        if np.abs(first - second).max() < ALIKE * np.abs([first, second]).max():
+            errors = [each.truth[2] - each.wheels(track)[2] for each in (one, next_one)]
+            differences.append(abs(math.remainder(errors[0] - errors[1], math.tau)))
+    if len(differences) < ENOUGH:
+        return math.nan, len(differences)
+    return float(np.median(differences)) / math.sqrt(2.0), len(differences)
+
+
+def windows_for_covariance(
+    experiment: Experiment,
+    robot: Robot,
+    settings: OdometrySettings,
+    found: list[OdometryWindow],
+    progress: Report | None = None,
+) -> list[OdometryWindow]:
+    """Return windows of the same stretch to fit covariances on: `found`, or shorter ones where those are too few.
+
+    The covariance says how errors grow, so short windows tell its size as well; pose noise and timing count more in
+    them, and what follows for long ones is rather too wide.
+
+    Parameters
+    ----------
+    found : windows of `experiment` by `settings`, all or the first of them.
+    """
+    length = max(SHORTEST, sum(one.rolled for one in found) / ENOUGH)
+    if len(found) >= ENOUGH or length >= settings.length:
+        return found
+    shorter = pieces(experiment, robot, replace(settings, length=length), progress)
+    return [one for one in shorter if found[0].begin <= one.begin and one.end <= found[-1].end] or found
 
 
 def fitted_factors(found: Sequence[OdometryWindow]) -> dict[str, float]:
@@ -369,10 +443,12 @@ def _row(
     )
 
 
-def as_text(table: Sequence[OdometryErrors], windows: int, fitted: int) -> str:
-    """Return the table for a terminal."""
+def as_text(table: Sequence[OdometryErrors], windows: int, fitted: int, short: int) -> str:
+    """Return the table for a terminal; the track was fitted on `fitted` windows, covariances on `short`."""
+    also = "and covariances fitted on" if short == fitted else "fitted on"
+    apart = "" if short == fitted else f", covariances on {short} shorter ones"
     lines = [
-        f"{windows} windows, track and covariances fitted on {fitted} others; errors at the windows' ends",
+        f"{windows} windows, track {also} {fitted} others{apart}; errors at the windows' ends",
         f"{'':34}{'heading, rad':>18}{'position, m':>18}{'rad/m':>9}{'rad/rad':>9}{'within 95 %':>13}",
         f"{'':34}{'rms':>9}{'median':>9}{'rms':>9}{'median':>9}{'median':>9}{'median':>9}{'':>13}",
     ]

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from report_helpers import recording
 from scipy.stats import chi2
 
 from artibot_sim.cli import main
@@ -16,7 +17,16 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation import model_odometry
 from artibot_sim.estimation.model_odometry import ModelOdometry, StreamProperties
 from artibot_sim.estimation.odometry import Slip
-from artibot_sim.estimation.odometry_check import OdometrySettings, OdometryWindow, fitted_track, heading_walk, pieces
+from artibot_sim.estimation.odometry_check import (
+    ENOUGH,
+    OdometrySettings,
+    OdometryWindow,
+    fitted_track,
+    heading_walk,
+    pieces,
+    repeatability,
+    windows_for_covariance,
+)
 from artibot_sim.experiment import read_bag, write_experiment
 from artibot_sim.model import Mode, Robot, Rollout, load_robot, rollout
 from artibot_sim.model.simulate.rollout import RolloutSetup
@@ -152,19 +162,21 @@ def test_delays_of_streams_are_taken_back() -> None:
     assert abs(error(late, run)[2]) < 0.02
 
 
-def test_a_gyroscope_rules_the_heading_and_shows_its_bias_at_rest() -> None:
-    """The model's ground is another than the rover's; the gyroscope has a bias and is stamped late."""
+@pytest.mark.parametrize("sign", [1.0, -1.0], ids=["upright", "upside-down"])
+def test_a_gyroscope_rules_the_heading_and_shows_its_bias_at_rest(sign: float) -> None:
+    """The model's ground is another than the rover's; the gyroscope has a bias, is late, and may be upside down."""
     run = driven(load_robot("husky"))
     other = run.robot.replace({"contact.mu_s": 0.5, "contact.mu_d": 0.3, "contact.k_t": 600.0})
+    other = replace(other, sensors=replace(other.sensors, gyro_flip=float(sign < 0.0)))
     rng, wheels = np.random.default_rng(1), ModelOdometry(other)
     streams = StreamProperties(gyro_delay=0.04)
     odometry = ModelOdometry(other, streams=streams)
     for t in np.arange(-5.0, 0.0, 0.02):  # it stands first
         odometry.update(t, (0.0, 0.0), (0.0, 0.0))
-        odometry.take_gyro(t + 0.04, 0.008 + 0.01 * rng.standard_normal())
+        odometry.take_gyro(t + 0.04, sign * (0.008 + 0.01 * rng.standard_normal()))
     rate = run.twist[:, 2]
     for row, (t, position, velocity) in enumerate(zip(*samples(run), strict=True)):
-        odometry.take_gyro(t + 0.04, rate[row] + 0.008 + 0.01 * rng.standard_normal())
+        odometry.take_gyro(t + 0.04, sign * (rate[row] + 0.008 + 0.01 * rng.standard_normal()))
         odometry.update(t, position, velocity)
         wheels.update(t, position, velocity)
     assert abs(odometry.gyro.bias - 0.008) < 2.5 * odometry.gyro.deviation < 0.003
@@ -232,6 +244,49 @@ def test_a_heading_s_walk_is_that_of_sides_on_grounds_of_their_own() -> None:
     assert straight == 200
     assert size == pytest.approx(walk, rel=0.2)
     assert math.isnan(heading_walk(found[:4], track)[0])
+
+
+def test_how_well_driving_alike_repeats_is_said_of_windows_in_a_row() -> None:
+    """Turns that differ are no pairs; what the track says of small differences is none of it."""
+    rng, track, spread, way = np.random.default_rng(4), 0.5, 0.05, 2.0
+    found = []
+    for number in range(900):
+        turn = (0.8, 0.81, -0.5)[number % 3]
+        sides = np.array([[0.0, 0.0], [way + 0.5 * track * turn, way - 0.5 * track * turn]])
+        yaw = turn + (spread if number % 3 < 2 else 1.0) * rng.standard_normal()
+        found.append(OdometryWindow(0.0, 1.0, sides, np.array([way, 0.0, yaw]), {}, {}))
+    size, pairs = repeatability(found, track)
+    assert pairs == 300
+    assert size == pytest.approx(0.6745 * spread, rel=0.15)
+    assert math.isnan(repeatability(found[:30], track)[0])
+
+
+def test_poses_of_a_segment_say_nothing_of_the_next_though_they_are_late(tmp_path: Path) -> None:
+    """Each segment of 2 s has a frame of its own; poses half a second late reach beyond its end."""
+    robot, delay, speed = load_robot("husky"), 0.5, 1.0
+    t = np.concatenate([3.0 * k + np.arange(0.0, 2.0, 0.05) for k in range(6)])
+    place = speed * t + 50.0 * np.floor(t / 3.0)
+    turns = {f"{side}.velocity": np.full(len(t), speed / robot.wheel.r_w) for side in ("front_right", "front_left")}
+    late = {"x": place - speed * delay, "y": 0.0 * t, "yaw": 0.0 * t}
+    path = recording(tmp_path / "run", {"motor_torques": (t, turns), "ground_truth_odom": (t, late)}).path
+    found = pieces(read_bag(path), robot, OdometrySettings(pose_delay=delay))
+    assert len(found) == 6
+    for one in found:
+        assert one.end - one.begin == pytest.approx(2.0 - delay, abs=0.11)
+        assert one.truth == pytest.approx((speed * (one.end - one.begin), 0.0, 0.0), abs=1e-6)
+
+
+def test_covariances_are_fitted_on_windows_enough() -> None:
+    """Of three windows of 10 m the 95 % quantile is the largest, by chance; of 20 shorter ones it is not."""
+    experiment, robot, settings = read_bag(BAG), load_robot("agriq"), OdometrySettings()
+    found = pieces(experiment, robot, settings)
+    assert len(found) < ENOUGH
+    short = windows_for_covariance(experiment, robot, settings, found)
+    assert ENOUGH - 1 <= len(short) <= ENOUGH + 1
+    assert sum(one.rolled for one in short) == pytest.approx(sum(one.rolled for one in found), rel=0.05)
+    first = windows_for_covariance(experiment, robot, settings, found[:1])
+    assert all(one.end <= found[0].end for one in first) and len(first) > 1
+    assert windows_for_covariance(experiment, robot, settings, short) is short
 
 
 def test_windows_that_follow_each_other_keep_the_motion_under_way() -> None:

@@ -136,13 +136,15 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
             other = open_recording(given["fit"], **named)
             fit = check.pieces(other, robot, settings, bar.stage(f"odometry of {given['fit'].name}", 1.0))
         else:
+            other = experiment
             fit, found = found[: len(found) // 2], found[len(found) // 2 :]
-    if not fit or not found:
-        raise ArtibotError(f"{bag}: only one window; give a shorter --window, or another recording with --fit")
-    track, factors = check.fitted_track(fit, robot), check.fitted_factors(fit)
+        if not fit or not found:
+            raise ArtibotError(f"{bag}: only one window; give a shorter --window, or another recording with --fit")
+        short = check.windows_for_covariance(other, robot, settings, fit, bar.stage("shorter windows", 1.0))
+    track, factors = check.fitted_track(fit, robot), check.fitted_factors(short)
     rows = check.rows(found, robot, track, factors)
     slip = ModelOdometry.SLIP.times(factors["model"])
-    click.echo(check.as_text(rows, len(found), len(fit)))
+    click.echo(check.as_text(rows, len(found), len(fit), len(short)))
     walk, straight = check.heading_walk([*fit, *found], track)
     if math.isfinite(walk):  # else there are too few such windows
         stated = 2.0 * robot.odometry.travel_slip / robot.front.i_y
@@ -150,13 +152,20 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
             f"heading by wheels on {straight} nearly straight windows: {walk:.3g} rad per root metre; "
             f"odom states {stated:.3g}, for sides that slip on grounds of their own"
         )
+    differ, pairs = check.repeatability(found, track)
+    if math.isfinite(differ):
+        click.echo(
+            f"{pairs} pairs of windows in a row were driven alike: headings differ by {differ:.3g} rad (median, the "
+            "share of one); no odometry by rotations alone is better on this ground"
+        )
     click.echo(
         f"for the node: odometry.travel_slip {slip.travel:.3g}, odometry.turn_slip {slip.turn:.3g}, "
         f"odometry.side_slip {slip.side:.3g}"
     )
     if given["as_json"] is not None:
         table = {row.name: row.as_dict() for row in rows}
-        text = {"recording": str(bag), "windows": len(found), "fitted_on": len(fit), "track": track, "odometry": table}
+        counts = {"windows": len(found), "fitted_on": len(fit), "covariances_fitted_on": len(short)}
+        text = {"recording": str(bag), **counts, "track": track, "odometry": table}
         given["as_json"].write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
     return 0
 
