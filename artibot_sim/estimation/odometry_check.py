@@ -33,6 +33,10 @@ ALIKE = 0.1
 """Two windows are driven alike where each side's ways differ by less than this share of the longest one."""
 ENOUGH = 20
 """Windows to fit covariances on, at least: of fewer the 95 % quantile lies beyond the largest that was seen."""
+_BIAS_SAID = 0.003
+"""rad/s of a gyroscope's bias from which on it is said,"""
+_SURELY = 4.0
+"""and in standard deviations."""
 SHORTEST = 0.5
 """m of a window to fit covariances on, at least."""
 _FEWEST = 5
@@ -307,6 +311,22 @@ def heading_walk(found: Sequence[OdometryWindow], track: float) -> tuple[float, 
     if len(errors) < _FEWEST:
         return math.nan, len(errors)
     return 1.4826 * float(np.median(np.abs(errors - np.median(errors)))), len(errors)
+
+
+def gyro_bias(found: Sequence[OdometryWindow]) -> float | None:
+    """Return by how much the gyroscope shows too much all the time, rad/s; None where the windows do not tell.
+
+    A robot that never stands does not show it to the odometry, and over 10 m it is most of the heading's error.
+    """
+    name = "model and gyro"
+    if name not in found[0].model or len(found) < _FEWEST:
+        return None
+    rates = np.array([
+        math.remainder(each.model[name][2] - each.truth[2], math.tau) / (each.end - each.begin) for each in found
+    ])  # fmt: skip
+    bias = float(np.median(rates))
+    spread = 1.4826 * float(np.median(np.abs(rates - bias))) / math.sqrt(len(rates))
+    return bias if abs(bias) > max(_SURELY * spread, _BIAS_SAID) else None
 
 
 def repeatability(found: Sequence[OdometryWindow], track: float) -> tuple[float, int]:

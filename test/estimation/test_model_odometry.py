@@ -22,6 +22,7 @@ from artibot_sim.estimation.odometry_check import (
     OdometrySettings,
     OdometryWindow,
     fitted_track,
+    gyro_bias,
     heading_walk,
     pieces,
     repeatability,
@@ -244,6 +245,22 @@ def test_a_heading_s_walk_is_that_of_sides_on_grounds_of_their_own() -> None:
     assert straight == 200
     assert size == pytest.approx(walk, rel=0.2)
     assert math.isnan(heading_walk(found[:4], track)[0])
+
+
+def test_a_gyroscope_s_bias_is_said_where_windows_tell_it_surely() -> None:
+    rng = np.random.default_rng(5)
+
+    def windows(bias: float, noise: float) -> list[OdometryWindow]:
+        sides = np.array([[0.0, 0.0], [10.0, 10.0]])
+        return [
+            OdometryWindow(0.0, 20.0, sides, np.zeros(3), {"model and gyro": np.array([0.0, 0.0, 20.0 * rate])}, {})
+            for rate in bias + noise * rng.standard_normal(30)
+        ]
+
+    assert gyro_bias(windows(-0.015, 0.005)) == pytest.approx(-0.015, abs=0.004)
+    assert gyro_bias(windows(0.0, 0.005)) is None
+    assert gyro_bias(windows(0.002, 0.0001)) is None, "as much as gyroscopes have"
+    assert gyro_bias(windows(-0.015, 0.005)[:3]) is None
 
 
 def test_how_well_driving_alike_repeats_is_said_of_windows_in_a_row() -> None:

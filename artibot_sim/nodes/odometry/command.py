@@ -152,6 +152,11 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
             f"heading by wheels on {straight} nearly straight windows: {walk:.3g} rad per root metre; "
             f"odom states {stated:.3g}, for sides that slip on grounds of their own"
         )
+    if (bias := check.gyro_bias([*fit, *found])) is not None:
+        click.echo(
+            f"the gyroscope shows {bias:.3g} rad/s too much: identify with --fit …,effects.gyro_bias.bias "
+            "--prior effects.gyro_bias.bias=0±0.02"
+        )
     differ, pairs = check.repeatability(found, track)
     if math.isfinite(differ):
         click.echo(
