@@ -2,8 +2,9 @@
 
 Nodes nearby come and go meanwhile, some of them killed, and call the driver's services: an end then meets what makes
 the middleware's threads go on in memory that is being given back. ``--checkout FOLDER`` ends drivers of another state
-of the code, ``--heap-checks`` lets glibc check and overwrite what is freed (its libc_malloc_debug.so.0), ``--shared``
-lets drivers speak over shared memory too, beside killed nodes. Prints a line of JSON for each situation: ends by
+of the code, ``--heap-checks`` lets glibc check and overwrite what is freed (its libc_malloc_debug.so.0), ``--memcheck``
+runs drivers under valgrind, a minute and more each, ``--shared`` lets drivers speak over shared memory too, beside
+killed nodes. Prints a line of JSON for each situation: ends by
 exit status or signal, and of those by a signal that was not sent the innermost functions of the thread that met it,
 where there are core files and gdb.
 """
@@ -50,6 +51,28 @@ FRAMES = 12
 
 HEAP_CHECKS = {"LD_PRELOAD": "libc_malloc_debug.so.0", "MALLOC_CHECK_": "3", "MALLOC_PERTURB_": "165"}
 """What makes glibc check the heap at each call, and overwrite what is freed."""
+
+FOUND = 99
+"""Exit status of a driver in which memcheck found something."""
+
+MEMCHECK = (
+    "valgrind", "--trace-children=yes", "--undef-value-errors=no", "--fair-sched=yes", "--num-callers=30",
+    f"--error-exitcode={FOUND}",
+)  # fmt: skip
+"""The wheels of rclpy execute the interpreter anew, which is a child to valgrind."""
+
+SLOWNESS = 30
+"""How much longer a driver takes to start under memcheck."""
+
+LOADER = """{
+  the loader compares words of 8 bytes
+  Memcheck:Addr8
+  fun:strncmp
+  fun:is_dst
+  ...
+}
+"""
+"""What memcheck is wrong about."""
 
 SHARED = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"}
 """With it a driver uses shared memory, too."""
@@ -147,6 +170,8 @@ class End:
     namespace : str
     bus : Popen or None
         The bus's server, where there is one of its own.
+    slowness : float
+        How much longer than usual it takes to start.
     """
 
     process: Process
@@ -154,6 +179,7 @@ class End:
     chance: random.Random
     namespace: str
     bus: subprocess.Popen[str] | None = None
+    slowness: float = 1.0
 
     @property
     def used(self) -> float:
@@ -188,7 +214,7 @@ def _nothing(_end: End) -> None:
 
 
 def _setting_up(end: End) -> None:
-    at = end.chance.uniform(0.0, STARTUP)
+    at = end.chance.uniform(0.0, end.slowness * STARTUP)
     while end.process.wait(0.0) is None and end.used < at:
         time.sleep(0.005)
     end.signal()
@@ -301,10 +327,10 @@ class Ends:
             end.process.wait(PATIENCE)
         name = "hangs" if status is None else signal.Signals(-status).name if status < 0 else f"status {status}"
         self.outcomes[name] += 1
-        if status is None or (status < 0 and -status not in BY_US):
+        if status is None or status == FOUND or (status < 0 and -status not in BY_US):
             core = next(iter(sorted(folder.glob("core*"))), None)
             last = end.log.read_text(errors="replace").splitlines()[-3:]
-            found = threads if status is None else frames(["-c", str(core)]) if core else []
+            found = threads if status is None else frames(["-c", str(core)]) if core else first_finding(folder)
             self.crashes.append({"end": name, "said": last, "frames": found})
 
 
@@ -317,6 +343,15 @@ def frames(of: Sequence[str]) -> list[str]:
     return [line[:150] for line in said.splitlines() if line.startswith("#")]
 
 
+def first_finding(folder: Path) -> list[str]:
+    """The first thing that memcheck found, with its innermost functions; nothing without memcheck."""
+    said = [
+        line.partition("== ")[2] for log in sorted(folder.glob("memcheck.*")) for line in log.open(errors="replace")
+    ]
+    begin = next((i for i, line in enumerate(said) if line.startswith(("Invalid", "Mismatched"))), len(said))
+    return [line.strip()[:150] for line in said[begin : begin + FRAMES]]
+
+
 class Process:
     """A driver. No `child_processes.Child`: that runs code between fork and exec, and here several threads fork.
 
@@ -327,12 +362,17 @@ class Process:
     folder : Path
         Where it runs; gets its log.
     environment : dict
+    memcheck : bool
     """
 
-    def __init__(self, words: Sequence[str], folder: Path, environment: dict[str, str]) -> None:
+    def __init__(self, words: Sequence[str], folder: Path, environment: dict[str, str], memcheck: bool) -> None:
+        under: list[str] = []
+        if memcheck:
+            (folder / "loader").write_text(LOADER)
+            under = [*MEMCHECK, f"--suppressions={folder / 'loader'}", f"--log-file={folder / 'memcheck.%p'}"]
         with (folder / "log").open("wb") as sink:
             self._popen = subprocess.Popen(
-                [sys.executable, "-m", "artibot_sim.cli", *words],
+                [*under, sys.executable, "-m", "artibot_sim.cli", *words],
                 stdin=subprocess.DEVNULL, stdout=sink, stderr=subprocess.STDOUT, cwd=folder, env=environment,
             )  # fmt: skip
         self.pid = self._popen.pid
@@ -357,11 +397,13 @@ class Worker:
     environment : dict
         Of the drivers.
     seed : int
+    memcheck : bool
+        Whether they run under valgrind.
     """
 
-    def __init__(self, number: int, environment: dict[str, str], seed: int) -> None:
+    def __init__(self, number: int, environment: dict[str, str], seed: int, memcheck: bool) -> None:
         self.namespace = f"/ends_{number}"
-        self._environment = environment
+        self._environment, self._memcheck = environment, memcheck
         self._chance = random.Random(f"{seed} {number}")
         self._ended = 0
 
@@ -375,7 +417,9 @@ class Worker:
             bus = start_server()
             channel = channel_of(bus)
         words = ["driver", "--channel", channel, *situation.words, "--ros-args", "-r", f"__ns:={self.namespace}"]
-        end = End(Process(words, own, self._environment), own / "log", self._chance, self.namespace, bus)
+        process = Process(words, own, self._environment, self._memcheck)
+        slowness = SLOWNESS if self._memcheck else 1.0
+        end = End(process, own / "log", self._chance, self.namespace, bus, slowness)
         situation.do(end)
         ends.add(end, own)
         if bus is not None:
@@ -432,6 +476,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1, help="of the random times [1]")
     parser.add_argument("--checkout", type=Path, help="folder with another state of artibot")
     parser.add_argument("--heap-checks", action="store_true", help="let glibc check and overwrite the heap")
+    parser.add_argument(
+        "--memcheck", action="store_true", help=f"run them under valgrind; status {FOUND}: it found some"
+    )
     parser.add_argument("--shared", action="store_true", help="the drivers use shared memory too")
     parser.add_argument("--neighbours", nargs="+", metavar="NAMESPACE", help=argparse.SUPPRESS)
     parser.add_argument("--shutdown", metavar="NAMESPACE", help=argparse.SUPPRESS)
@@ -445,9 +492,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     resource.setrlimit(resource.RLIMIT_CORE, (resource.getrlimit(resource.RLIMIT_CORE)[1],) * 2)
     os.environ.update(SHARED if given.shared else local_environment())
     environment = os.environ | (HEAP_CHECKS if given.heap_checks else {})
+    if given.memcheck:
+        environment["PYTHONMALLOC"] = "malloc"  # Python's own allocator hides what is freed from memcheck
     if given.checkout:
         environment["PYTHONPATH"] = str(given.checkout.resolve())
-    workers = [Worker(number, environment, given.seed) for number in range(given.at_once)]
+    workers = [Worker(number, environment, given.seed, given.memcheck) for number in range(given.at_once)]
     crashed = False
     for name in given.situation or SITUATIONS:
         ends = count_ends(SITUATIONS[name], given.count, workers)
