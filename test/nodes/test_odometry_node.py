@@ -87,6 +87,15 @@ def test_it_survives_messages_of_every_kind_and_says_what_it_left_out(
     assert node.stop() == 0
 
 
+@pytest.mark.parametrize(("name", "found"), [("travel_slip", 0.863), ("turn_slip", 2.16), ("side_slip", 1.29)])
+def test_it_takes_what_the_command_finds_on_bad_ground(name: str, found: float) -> None:
+    """On wet grass with wheels that are told once a second."""
+    from artibot_sim.nodes.odometry.node import SPECS
+
+    (spec,) = [spec for spec in SPECS if spec.name == f"odometry.{name}"]
+    assert spec.check(found) == found
+
+
 def test_what_cannot_be_used_is_refused_in_one_line(start_node: NodeStarter) -> None:
     for words, said in (
         (("--robot", "nobody"), "nobody"),

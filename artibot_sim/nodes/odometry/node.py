@@ -30,6 +30,8 @@ _NAP = 0.2
 """s between two views of the signals while nothing arrives."""
 
 _SLIP, _STREAMS = ModelOdometry.SLIP, StreamProperties()
+_MOST = 10.0
+"""Of what may be left open, relative: more than all, where a recording says so (`artibot odometry BAG`)."""
 
 SPECS = (
     Spec("robot", "agriq", "Robot as identified: a name or the path of a robot file."),
@@ -41,9 +43,9 @@ SPECS = (
     Spec("publish_tf", False, "Publish odom -> base_link, where publish_tf of simulator and driver is false."),
     Spec("use_gyro", True, "Take the turned angle from imu/data where there is one."),
     Spec("odometry.travel_slip", _SLIP.travel, "What the model leaves open of the distance, relative, 1.",
-         low=0.0, high=1.0),
-    Spec("odometry.turn_slip", _SLIP.turn, "What it leaves open of the turned angle, relative, 1.", low=0.0, high=1.0),
-    Spec("odometry.side_slip", _SLIP.side, "Drift to the side relative to the distance, 1.", low=0.0, high=1.0),
+         low=0.0, high=_MOST),
+    Spec("odometry.turn_slip", _SLIP.turn, "What it leaves open of the turned angle, relative, 1.", low=0.0, high=_MOST),
+    Spec("odometry.side_slip", _SLIP.side, "Drift to the side relative to the distance, 1.", low=0.0, high=_MOST),
     Spec("rotation_delay", 0.0, "By which motor_torques is stamped late, s [robot file].", low=-1.0, high=1.0),
     Spec("gyro_delay", 0.0, "By which imu/data is stamped late, s [robot file].", low=-1.0, high=1.0),
     Spec("timing", _STREAMS.timing, "Standard deviation of stamps, s.", low=0.0, high=1.0),
