@@ -84,7 +84,7 @@ class NullCase(NamedTuple):
         remaining = {name: one["typical"] / LIMITS[name] for name, one in (answer.get("left") or {}).items()}
         channel, left = _most({name: share for name, share in remaining.items() if share >= 0.0})
         return cls(
-            result.get("commit", commit), str(job.get("robot", "agriq")), _has_torques(answer), job["seed"],
+            result.get("commit") or commit, str(job.get("robot", "agriq")), _has_torques(answer), job["seed"],
             job["runs"], float(job["duration"]), float(job["noise"]),
             float(job.get("false_alarms", FALSE_ALARM_RATE)), answer["verdict"],
             "+".join(cause["effect"] for cause in answer["causes"]), effect, round(nats, 1), any_effect,
