@@ -13,7 +13,7 @@ import numpy as np
 
 from artibot_sim.identify.run import Trust
 
-NULL = "make diagnose-campaign KINDS=none:300, then python -m diagnose.hidden.calibrate campaign"
+NULL = "make diagnose-campaign KINDS=none:300, then python -m diagnose.hidden.null campaign and .calibrate"
 """Recordings with nothing hidden."""
 EFFECTS = "make diagnose-campaign KINDS=single:108,pair:27 SEVERITY=1,0.3"
 """Recordings with listed effects."""
@@ -61,17 +61,19 @@ PRIOR_ODDS = Number(1.0, "–", "odds of an effect being there, before anything 
 FALSE_ALARM_RATE = Number(0.01, "–", "share of recordings with nothing hidden in which something may be named", CHOICE)
 
 NATS_FLOOR = Number(
-    30.0,
+    12.0,
     "nats",
-    "an effect's evidence, at least: no less than the middle of what nothing hidden gives to the best effect",
+    "an effect's evidence, at least: what promises less is not fitted, and in most recordings with nothing hidden no "
+    "effect gains as much",
     NULL,
     "yes",
 )
 NATS_TAIL = Number(
-    6.0, "nats", "further evidence for each factor of e less in false alarms: mean excess over the middle", NULL, "yes"
-)
+    10.0, "nats", "further evidence for each factor of e less in false alarms, so that 0.01 asks for 58: 57 are the most "
+    "that an effect gained in 368 recordings with nothing hidden", NULL, "yes",
+)  # fmt: skip
 NATS_BIASED = Number(
-    120.0, "nats",
+    102.0, "nats",
     "the floor of back_friction and com_offset, which what is left of the encoders' noise can look like", NULL, "yes",
 )  # fmt: skip
 MARGIN = Number(

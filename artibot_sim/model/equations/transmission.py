@@ -102,10 +102,11 @@ def drives_next(M_gear, theta_dot, rotor, inverse_eta, inverse_eta_d, eta_r, mea
     # torques times the efficiency's inverse in use, which spares a division
     at_wheels, at_rotor, seen = M_gear - rotor, rotor * inverse_eta, measured * inverse_eta
     M_d, M_r = at_rotor + inverse_eta_d * at_wheels, at_rotor + eta_r * at_wheels
-    drives, brakes = driving(M_d, theta_dot), not driving(M_r, theta_dot)
-    if seen != seen:
-        return driving(M_gear, theta_dot)
-    return drives if drives != brakes else abs(seen - M_d) <= abs(seen - M_r)
+    drives, brakes, known = driving(M_d, theta_dot), not driving(M_r, theta_dot), seen == seen
+    either, nearer = drives == brakes, abs(seen - M_d) <= abs(seen - M_r)
+    # no branches: compilers make vector code of it
+    settled = (either & nearer) | ((not either) & drives)
+    return (known & settled) | ((not known) & driving(M_gear, theta_dot))
 
 
 @inlined
