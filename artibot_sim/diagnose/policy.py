@@ -69,8 +69,8 @@ NATS_FLOOR = Number(
     "yes",
 )
 NATS_TAIL = Number(
-    10.0, "nats", "further evidence for each factor of e less in false alarms, so that 0.01 asks for 58: in all but one "
-    "of 177 cases with nothing hidden 57 are the most that an effect gained that is large enough", NULL, "yes",
+    10.0, "nats", "further evidence for each factor of e less in false alarms, so that 0.01 asks for 58: in all but "
+    "one of 177 cases with nothing hidden 57 are the most that an effect gained that is large enough", NULL, "yes",
 )  # fmt: skip
 NATS_BIASED = Number(
     102.0, "nats",
