@@ -57,7 +57,7 @@ class FittedLaws:
     spans : mapping of str to (float, float)
         Between which values each law's variable mostly was.
     force : ForceFinding
-        The finding, with the laws' forces chosen.
+        The finding, with the laws' forces chosen; with its own where that is no term of the model and is still missing.
     """
 
     problem: Problem
@@ -133,7 +133,8 @@ def fitted_laws(
 
     What forces are worth in the regression is limited by how windows scatter, and many tie there that are far from each
     other over whole windows. So the model itself chooses among all that it leaves possible. With one law in the model
-    the next is looked for in what that leaves.
+    the next is looked for in what that leaves. A force that is no term of the model stays in words, unless laws leave
+    no more than noise.
 
     Parameters
     ----------
@@ -143,11 +144,11 @@ def fitted_laws(
     now, spans, chosen = (problem, fit), dict[str, tuple[float, float]](), list[Shortlisted]()
     left: ForceFinding | None = found
     for name in [name for name in LAWS if name not in problem.parameters.robot.effects]:
-        best = None if left is None else _best_law(*now, name, left)
-        tick()
+        best = None if left is None else _best_law(*now, name, left, tick)
         if best is None:
             break
         last = _fitted(*now, best)
+        tick()
         if now[1].point.cost - last[1].point.cost <= 2.0 * FORCE_NATS:
             break
         now, spans[name] = last, best.one.span
@@ -160,7 +161,10 @@ def fitted_laws(
     larger, last_fit = _needed(now[0], converge(now[0], now[1].point, fit.loss, _MANY))
     kept = {law.id: spans[law.id] for law in larger.parameters.extensions if law.id in spans}
     stayed = [one for one, name in zip(chosen, spans, strict=True) if name in kept]
-    return FittedLaws(larger, last_fit, 0.5 * (fit.point.cost - last_fit.point.cost), kept, found.instead(stayed))
+    no_term = law_of(found.chosen[0], len(problem.parameters.robot.modules)) is None
+    if not (no_term and leaves_more_than_noise(remains(larger, last_fit.point))):
+        found = found.instead(stayed)
+    return FittedLaws(larger, last_fit, 0.5 * (fit.point.cost - last_fit.point.cost), kept, found)
 
 
 @dataclass(frozen=True)
@@ -173,7 +177,7 @@ class _Law:
     fit: Fit
 
 
-def _best_law(problem: Problem, fit: Fit, name: str, found: ForceFinding) -> _Law | None:
+def _best_law(problem: Problem, fit: Fit, name: str, found: ForceFinding, tick: Callable[[], None]) -> _Law | None:
     """Which of the forces that a finding leaves possible the model asks for most; None if nothing gains by any.
 
     So many windows tell. A force that the fit does not know of has bent the soil, and the forces with it: they are
@@ -182,16 +186,18 @@ def _best_law(problem: Problem, fit: Fit, name: str, found: ForceFinding) -> _La
     rows = np.unique(np.linspace(0, len(problem) - 1, _WINDOWS).round().astype(int))
     part = problem.part(rows.tolist())
     at = evaluate(part, fit.loss, [fit.point.coordinates], fit.point.starts[rows])[0]
-    best = _best_from(part, fit.loss, at, name, found)
+    best = _best_from(part, fit.loss, at, name, found, tick)
     if best is None or not leaves_more_than_noise(remains(best.problem, best.fit.point)):
         return best
     _, on_its_soil = without_effect(best.problem, fit.loss, best.fit.point)
     again = unexplained(problem, on_its_soil.coordinates, 1)
-    better = None if again is None else _best_from(part, fit.loss, on_its_soil, name, again)
+    better = None if again is None else _best_from(part, fit.loss, on_its_soil, name, again, tick)
     return min((one for one in (best, better) if one is not None), key=lambda one: one.fit.point.cost)
 
 
-def _best_from(part: Problem, loss: Loss, at: Point, name: str, found: ForceFinding) -> _Law | None:
+def _best_from(
+    part: Problem, loss: Loss, at: Point, name: str, found: ForceFinding, tick: Callable[[], None]
+) -> _Law | None:
     """The same from a point of the model without it.
 
     Screened as effects are: all by sensitivities of whole windows, the best of each force by finite steps.
@@ -208,12 +214,13 @@ def _best_from(part: Problem, loss: Loss, at: Point, name: str, found: ForceFind
     for _, one, law in promised:
         followed.setdefault((one.candidate.force, one.candidate.form.variable, one.candidate.form.times), (one, law))
     tried = [*followed.values()][:_SCREENED]
-    trials = screen(base, [law for _, law in tried])
+    trials = screen(base, [law for _, law in tried], tick)
     fits = list[_Law]()
     for which in np.argsort([trial.point.cost for trial in trials], kind="stable")[:_FITTED].tolist():
         check_time()
         (one, law), larger, point = tried[which], trials[which].problem, trials[which].point
         fits.append(_Law(one, law.extension, larger, converge(larger, point, loss, _FEW)))
+        tick()
     return min(fits, key=lambda each: each.fit.point.cost, default=None)
 
 
