@@ -21,7 +21,7 @@ class Task(Enum):
     SEARCH = "looking for effects", 20.0
     WINDOWS = "asking all windows", 8.0
     LEAVING_OUT = "leaving out each effect", 2.0
-    FORCES = "looking for forces on no list", 4.0
+    FORCES = "looking for forces on no list", 13.0
     INTERVALS = "how sure sizes are", 10.0
     PREDICTIONS = "predicting all recordings", 7.0
     MODELS = "models side by side", 3.0

@@ -7,7 +7,7 @@ whole windows, as every listed effect is, and stays only if it lowers the same l
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -16,18 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect, without_effect
-from artibot_sim.diagnose.candidates.screening import around, expected_gain, screen
+from artibot_sim.diagnose.candidates.screening import Around, around, expected_gain, screen
 from artibot_sim.diagnose.policy import FORCE_NATS
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.unlisted.finding import ForceFinding, Shortlisted, unexplained
 from artibot_sim.diagnose.unlisted.search import ForceCandidate
 from artibot_sim.diagnose.words import NOTHING
-from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import check_time
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge, restarted_windows
-from artibot_sim.estimation.solver import Point, evaluate
+from artibot_sim.estimation.solver import evaluate
 from artibot_sim.model.effects import LAWS
 from artibot_sim.model.effects.base import Search
 from artibot_sim.model.effects.force_law import PARAMETERS, PLACES, VARIABLES, place_words, variable_words
@@ -38,8 +37,8 @@ Array = NDArray[np.float64]
 _TURNS = {"periodic, once a turn": 1, "periodic, twice a turn": 2}
 _FEW, _MANY = 3, 8
 """Steps of a fit with a law that may not stay, and with all that do."""
-_SCREENED, _FITTED = 6, 2
-"""So many of the forces that promise most are screened by finite steps, and so many of these fitted."""
+_FORCES, _VARIABLES, _FITTED = 6, 10, 2
+"""So many forces are screened by finite steps, and so many laws of the best one; so many of either are fitted."""
 _WINDOWS = 16
 """Windows by which laws are chosen, at most."""
 
@@ -151,8 +150,8 @@ def fitted_laws(
         tick()
         if now[1].point.cost - last[1].point.cost <= 2.0 * FORCE_NATS:
             break
-        now, spans[name] = last, best.one.span
-        chosen.append(best.one)
+        now, spans[name] = last, best.found.span
+        chosen.append(best.found)
         if not leaves_more_than_noise(remains(now[0], now[1].point)):
             break
         left = unexplained(now[0], now[1].point.coordinates, 1)
@@ -171,7 +170,7 @@ def fitted_laws(
 class _Law:
     """A law that was chosen, with the model that has it, fitted to the windows by which it was chosen."""
 
-    one: Shortlisted
+    found: Shortlisted
     extension: Extension
     problem: Problem
     fit: Fit
@@ -180,48 +179,69 @@ class _Law:
 def _best_law(problem: Problem, fit: Fit, name: str, found: ForceFinding, tick: Callable[[], None]) -> _Law | None:
     """Which of the forces that a finding leaves possible the model asks for most; None if nothing gains by any.
 
-    So many windows tell. A force that the fit does not know of has bent the soil, and the forces with it: they are
-    looked for once more on the soil that goes with the best of them, where that leaves more than noise.
+    So many windows tell. First where it acts: each force has one try, in what it promises most. A force that the fit
+    does not know of has bent the soil, and with it what the force seems to follow. So that is asked once more of the
+    force that does best, on the soil that goes with it, where more than noise is left.
     """
     rows = np.unique(np.linspace(0, len(problem) - 1, _WINDOWS).round().astype(int))
     part = problem.part(rows.tolist())
     at = evaluate(part, fit.loss, [fit.point.coordinates], fit.point.starts[rows])[0]
-    best = _best_from(part, fit.loss, at, name, found, tick)
-    if best is None or not leaves_more_than_noise(remains(best.problem, best.fit.point)):
-        return best
-    _, on_its_soil = without_effect(best.problem, fit.loss, best.fit.point)
-    again = unexplained(problem, on_its_soil.coordinates, 1)
-    better = None if again is None else _best_from(part, fit.loss, on_its_soil, name, again, tick)
-    return min((one for one in (best, better) if one is not None), key=lambda one: one.fit.point.cost)
+    base, each = around(part, fit.loss, at), dict[str, _Possible]()
+    for one in sorted(_possible(base, name, found), key=lambda one: -one.promised):
+        each.setdefault(one.found.candidate.force, one)
+    first = _tried(base, [*each.values()][:_FORCES], tick)
+    if not first or not leaves_more_than_noise(remains(first[0].problem, first[0].fit.point)):
+        return first[0] if first else None
+    _, on_its_soil = without_effect(first[0].problem, fit.loss, first[0].fit.point)
+    again, base = unexplained(problem, on_its_soil.coordinates, 1), around(part, fit.loss, on_its_soil)
+    where = first[0].found.candidate.force
+    left = [] if again is None else [one for one in _possible(base, name, again) if one.found.candidate.force == where]
+    worth, promised = (np.argsort(np.argsort([-of(one) for one in left])) for of in (_worth, _promised))
+    best = [left[k] for k in np.argsort(worth + promised, kind="stable")[:_VARIABLES].tolist()]
+    return min([*first, *_tried(base, best, tick)], key=lambda one: one.fit.point.cost)
 
 
-def _best_from(
-    part: Problem, loss: Loss, at: Point, name: str, found: ForceFinding, tick: Callable[[], None]
-) -> _Law | None:
-    """The same from a point of the model without it.
+@dataclass(frozen=True)
+class _Possible:
+    """A force that may be, as a law, and nats that it promises by sensitivities of whole windows."""
 
-    Screened as effects are: all by sensitivities of whole windows, the best of each force by finite steps.
-    """
-    base, promised = around(part, loss, at), list[tuple[float, Shortlisted, Hypothesis]]()
+    found: Shortlisted
+    law: Hypothesis
+    promised: float
+
+
+def _worth(one: _Possible) -> float:
+    """Nats by the regression."""
+    return one.found.candidate.worth
+
+
+def _promised(one: _Possible) -> float:
+    """Nats by sensitivities."""
+    return one.promised
+
+
+def _possible(base: Around, name: str, found: ForceFinding) -> list[_Possible]:
+    """All of a finding's shortlist that are terms of the model."""
+    possible = []
     for one in found.shortlist:
         check_time()
-        translated = law_of(one.candidate, len(part.parameters.robot.modules))
+        translated = law_of(one.candidate, len(base.problem.parameters.robot.modules))
         if translated is not None:
             law = Hypothesis(extension_of(name, *translated))
-            promised.append((expected_gain(base, law), one, law))
-    promised.sort(key=lambda each: -each[0])
-    followed = dict[tuple[str, str, str], tuple[Shortlisted, Hypothesis]]()
-    for _, one, law in promised:
-        followed.setdefault((one.candidate.force, one.candidate.form.variable, one.candidate.form.times), (one, law))
-    tried = [*followed.values()][:_SCREENED]
-    trials = screen(base, [law for _, law in tried], tick)
+            possible.append(_Possible(one, law, expected_gain(base, law)))
+    return possible
+
+
+def _tried(base: Around, possible: Sequence[_Possible], tick: Callable[[], None]) -> list[_Law]:
+    """The best of these by finite steps, as effects are screened, fitted; best first."""
+    trials = screen(base, [one.law for one in possible], tick)
     fits = list[_Law]()
     for which in np.argsort([trial.point.cost for trial in trials], kind="stable")[:_FITTED].tolist():
         check_time()
-        (one, law), larger, point = tried[which], trials[which].problem, trials[which].point
-        fits.append(_Law(one, law.extension, larger, converge(larger, point, loss, _FEW)))
+        one, larger, point = possible[which], trials[which].problem, trials[which].point
+        fits.append(_Law(one.found, one.law.extension, larger, converge(larger, point, base.loss, _FEW)))
         tick()
-    return min(fits, key=lambda each: each.fit.point.cost, default=None)
+    return sorted(fits, key=lambda each: each.fit.point.cost)
 
 
 def _fitted(problem: Problem, fit: Fit, law: _Law) -> tuple[Problem, Fit]:
