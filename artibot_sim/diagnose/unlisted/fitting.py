@@ -196,7 +196,8 @@ def _best_law(problem: Problem, fit: Fit, name: str, found: ForceFinding, tick: 
     again, base = unexplained(problem, on_its_soil.coordinates, 1), around(part, fit.loss, on_its_soil)
     where = first[0].found.candidate.force
     left = [] if again is None else [one for one in _possible(base, name, again) if one.found.candidate.force == where]
-    worth, promised = (np.argsort(np.argsort([-of(one) for one in left])) for of in (_worth, _promised))
+    worth = np.argsort(np.argsort([-one.found.candidate.worth for one in left], kind="stable"))
+    promised = np.argsort(np.argsort([-one.promised for one in left], kind="stable"))
     best = [left[k] for k in np.argsort(worth + promised, kind="stable")[:_VARIABLES].tolist()]
     return min([*first, *_tried(base, best, tick)], key=lambda one: one.fit.point.cost)
 
@@ -208,16 +209,6 @@ class _Possible:
     found: Shortlisted
     law: Hypothesis
     promised: float
-
-
-def _worth(one: _Possible) -> float:
-    """Nats by the regression."""
-    return one.found.candidate.worth
-
-
-def _promised(one: _Possible) -> float:
-    """Nats by sensitivities."""
-    return one.promised
 
 
 def _possible(base: Around, name: str, found: ForceFinding) -> list[_Possible]:
