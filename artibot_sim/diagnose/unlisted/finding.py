@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.policy import FORCE_NATS, TIE, TIE_SHARE
 from artibot_sim.diagnose.records import Unexplained
-from artibot_sim.diagnose.unlisted.forms import Form, forms, unit
+from artibot_sim.diagnose.unlisted.forms import WANDERING, Form, forms, unit
 from artibot_sim.diagnose.unlisted.response import WINDOWS, answers, short
 from artibot_sim.diagnose.unlisted.ridges import ridges
 from artibot_sim.diagnose.unlisted.search import (
@@ -237,7 +237,8 @@ def weighed(equations: Equations, of: Scene) -> list[ForceCandidate]:
     """All candidates, best first.
 
     What many are proven to be worth differs by chance alone, for no window says much for any. Of those that are as
-    good as the best, so much being a tie among effects, the one comes first that gains most for its coefficients.
+    good as the best, so much being a tie among effects, the one comes first that gains most for its coefficients; what
+    wanders in time last, for any of the others may look so.
     """
     found: list[ForceCandidate] = []
     in_map = any(PLACE in one.follows for one in of.values())
@@ -249,7 +250,11 @@ def weighed(equations: Equations, of: Scene) -> list[ForceCandidate]:
             found += [repeated] if repeated else []
     level = max(one.worth for one in found)
     level -= max(TIE, TIE_SHARE * level)
-    return sorted(found, key=lambda c: (c.worth < level, -c.net_gain if c.worth >= level else -c.worth))
+
+    def order(one: ForceCandidate) -> tuple[bool, bool, float]:
+        return (False, one.form.name == WANDERING, -one.net_gain) if one.worth >= level else (True, False, -one.worth)
+
+    return sorted(found, key=order)
 
 
 def _sizes(
