@@ -75,7 +75,7 @@ def test_a_spring_in_the_second_joint_alone_is_found_and_is_a_law():
     assert law["where"] == "joint_2"
     problem = replace(problem, windows=problem.windows[::3])
     loss = Loss(1.0, np.ones(len(CHANNEL_NAMES)))
-    fit = converge(problem, evaluate(problem, loss, [soil], problem.starts)[0], loss, 1)
+    fit = converge(problem, evaluate(problem, loss, [soil], problem.starts)[0], loss, 4)
     laws = fitted_laws(problem, fit, found)
     assert laws is not None
     (extension,), (part,) = laws.problem.parameters.extensions, laws.problem.parameters.places
