@@ -175,6 +175,8 @@ SOIL = ("k_l", "k_t", "mu_s", "mu_d", "u_w")
 
 MU_S = "contact.mu_s"
 MU_D = "contact.mu_d"
+STIFFNESS = ("contact.k_l", "contact.k_t")
+"""Slip coefficients of eq. 15."""
 
 PARAMETER_STEP = 4e-3
 """Change of a logarithm for its finite difference: about what data leave open, so that switches that such a change
@@ -254,11 +256,22 @@ def sum_of_others(robot: Robot, key: str, changes: Mapping[str, float] = Mapping
 
 @dataclass(frozen=True)
 class ParameterSet:
-    """The parameters of a fit in their order, the robot that they change, and effects whose coordinates follow them."""
+    """The parameters of a fit in their order, the robot that they change, and effects whose coordinates follow them.
+
+    Attributes
+    ----------
+    robot : Robot
+    parameters : tuple of Parameter
+    extensions : tuple of Extension
+    jump : float, optional
+        mu_s over mu_d, where that is held: mu_s then follows mu_d, whatever its own coordinate. With 1 the force of
+        eq. 16 is continuous.
+    """
 
     robot: Robot
     parameters: tuple[Parameter, ...]
     extensions: tuple[Extension, ...] = ()
+    jump: float | None = None
 
     def __len__(self) -> int:
         return len(self.parameters) + sum(len(extension) for extension in self.extensions)
@@ -305,7 +318,7 @@ class ParameterSet:
         """
         matrix = np.eye(len(self))
         row = self.index(MU_S)
-        for key in ("contact.k_l", "contact.k_t"):
+        for key in STIFFNESS:
             column = self.index(key)
             if row is not None and column is not None:
                 matrix[row, column] = 0.5
@@ -319,7 +332,16 @@ class ParameterSet:
 
     def values(self, coordinates: Array) -> Array:
         """Values in SI units of the robot's own parameters at coordinates (p,)."""
-        return self.at(self.mixing[: len(self.parameters)] @ coordinates)
+        values = self.at(self.mixing[: len(self.parameters)] @ coordinates)
+        i = self.index(MU_S)
+        if self.jump is not None and i is not None:
+            values[i] = self.jump * self._mu_d(values)
+        return values
+
+    def _mu_d(self, values: Array) -> float:
+        """mu_d of the robot's own parameters `values`, or as the robot has it."""
+        j = self.index(MU_D)
+        return float(values[j]) if j is not None else self.robot.contact.mu_d
 
     def at(self, logarithms: Array) -> Array:
         """Values in SI units of the robot's own parameters at logarithms (own,) over the priors' middles."""
@@ -358,11 +380,18 @@ class ParameterSet:
         clipped = values.clip(low, high)
         i, j = self.index(MU_S), self.index(MU_D)
         if i is not None and j is not None:
-            clipped[j] = min(clipped[j], clipped[i])
+            if self.jump is None:
+                clipped[j] = min(clipped[j], clipped[i])
+            else:
+                clipped[j] = np.clip(clipped[j], low[i] / self.jump, high[i] / self.jump)
+        if self.jump is not None and i is not None:
+            clipped[i] = self.jump * self._mu_d(clipped)
         parts = self.extended(coordinates)
         nearest = [extension.nearest(part) for extension, part in zip(self.extensions, parts, strict=True)]
         unchanged = (clipped == values).all() and all((a == b).all() for a, b in zip(nearest, parts, strict=True))
-        return coordinates if unchanged else self.coordinates(clipped, np.concatenate([np.empty(0), *nearest]))
+        if unchanged and (self.jump is None or i is None):
+            return coordinates
+        return self.coordinates(clipped, np.concatenate([np.empty(0), *nearest]))
 
     def along_ridge(self, values: Array, extension: Extension, before: Array, after: Array) -> Array:
         """The robot's own `values` where an effect's coordinates change along the ridge that it declares.

@@ -1,16 +1,22 @@
-"""The way to the best fit: several starts, mu_s scanned at every step, one inflation that falls to 1."""
+"""The way to the best fit: from several starts with a continuous contact, then with a jump in it that grows.
+
+Eq. 16 jumps by mu_s over mu_d where a wheel breaks away. That makes the loss jagged: steps end near where they begin.
+With mu_s = mu_d nothing jumps, and fits of very different starts end close to each other. From there the jump is
+opened, all else following it (continuation), until the loss is least.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.estimation.loss import Loss, spread, thinning
 from artibot_sim.estimation.parallel import side_by_side
-from artibot_sim.estimation.parameters import MU_S
+from artibot_sim.estimation.parameters import MU_S, STIFFNESS
 from artibot_sim.estimation.problem import Draw, Problem
 from artibot_sim.estimation.solver import Point, Reduced, align, best_of, evaluate, polished, reassessed, step
 from artibot_sim.estimation.windows import CHANNEL_NAMES, for_starts, turned
@@ -23,10 +29,18 @@ FINE = np.array([-0.015, -0.008, -0.004, -0.002, 0.002, 0.004, 0.008, 0.015])
 """Changes of mu_s tried near the end of a search, as logarithms."""
 FOLLOWED = np.array([-0.02, -0.006, 0.006, 0.02])
 """Changes of mu_s, as logarithms, that all else may follow before they are judged."""
+JUMPS = (1.12, 1.27, 1.5, 2.0, 3.0)
+"""mu_s over mu_d, after 1: how far the jump of eq. 16 is opened."""
+_OPENED = 6
+"""Steps at most at each of them,"""
+_BETWEEN = 2
+"""and how often those on both sides of the best one are tried."""
 _WIDE = (1, 3, 5, 8, 10, 12)
 """Places in SCAN, by which a wide look begins."""
 _DRAWS = 0.6
-"""Further starts are drawn with this share of the prior's width."""
+"""Further starts are drawn with this share of the prior's width,"""
+_OTHER_STIFFNESS = 1.5
+"""on ground that is by so many of its widths softer or stiffer."""
 _START_SPREAD = np.array([0.1, 0.1, 0.3, 0.7, 0.7, 0.7, 0.3, 1.0])
 """Sizes of random changes of a start, in its prior deviations: what a window's own samples leave open."""
 _DRAWN = np.array([0.1, 0.1, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0])
@@ -43,6 +57,10 @@ _FOLLOWS = 6
 """Scans at most in which all else follows mu_s."""
 _CLOSE = 1.15
 """An end whose loss is larger than the best one's by this factor is not gone on from."""
+_SAME = 10.0
+"""Ends whose losses differ by less than this are one."""
+_ROUGHEST = 30.0
+"""Largest inflation from which a search begins."""
 _SMALL = 1.0
 """Fall of the loss, per free parameter, under which a fit has converged."""
 
@@ -56,15 +74,15 @@ class Effort:
     starts : int
         The robot file's values and so many less one drawn from the prior.
     first, finalists, last : int
-        Steps from every start, how many of the best go on, and steps at most for those.
+        Steps at most from every start, how many different ends of these go on, and steps at most for those.
     scheduler : str, optional
         Address of a Dask scheduler whose workers search from one start each; the result is the same.
     """
 
     starts: int = 3
-    first: int = 3
+    first: int = 25
     finalists: int = 2
-    last: int = 6
+    last: int = 10
     scheduler: str | None = None
 
 
@@ -133,50 +151,142 @@ def free_parameters(problem: Problem) -> tuple[int, ...]:
     return tuple(i for i, key in enumerate(problem.parameters.keys) if key != MU_S)
 
 
-def search(problem: Problem, effort: Effort, tick: Tick = lambda: None, effects: Array | None = None) -> Fit:
-    """The best fit from several starts, noise levels as they stand; `effects` begin at coordinates given (neutral)."""
-    even = np.ones(len(CHANNEL_NAMES))
-    tasks = [(problem, coordinates, even, effort.first) for coordinates in first_guesses(problem, effort, effects)]
+def search(
+    problem: Problem,
+    effort: Effort,
+    tick: Tick = lambda: None,
+    effects: Array | None = None,
+    loss: Loss | None = None,
+) -> Fit:
+    """The best fit from several starts, noise levels as they stand.
+
+    Parameters
+    ----------
+    problem : Problem
+    effort : Effort
+    tick : callable
+        Called when a part of the work is done.
+    effects : array, optional
+        Coordinates at which effects begin, neutral ones by default.
+    loss : Loss, optional
+        All samples count alike by default.
+    """
+    loss = loss or Loss(1.0, np.ones(len(CHANNEL_NAMES)))
+    tasks = [(problem, coordinates, loss, effort.first) for coordinates in first_guesses(problem, effort, effects)]
     ends = side_by_side(_descended, tasks, problem.workers, tick, effort.scheduler)
-    ends.sort(key=lambda fit: fit.point.cost)
-    near = [fit for fit in ends[: effort.finalists] if fit.point.cost <= _CLOSE * ends[0].point.cost]
-    finals = side_by_side(lambda fit: converge(problem, fit.point, fit.loss, effort.last), near, problem.workers, tick)
+    ends.sort(key=lambda point: point.cost)
+    near = [end for end in ends if end.cost <= _CLOSE * ends[0].cost]
+    different = [end for k, end in enumerate(near) if k == 0 or end.cost > near[k - 1].cost + _SAME]
+    last = partial(_opened, problem, loss, steps=effort.last)
+    finals = side_by_side(last, different[: effort.finalists], problem.workers, tick)
+    which = np.searchsorted([end.cost for end in different], [end.cost for end in near], side="right") - 1
+    reached = [finals[k].point.cost for k in which if k < len(finals)]
     finals.sort(key=lambda fit: fit.point.cost)
     best, *others = finals
-    report = SearchReport.of(len(tasks), [fit.point.cost for fit in finals])
-    return replace(best, report=report, others=tuple(fit.point for fit in others))
+    return replace(best, report=SearchReport.of(len(tasks), reached), others=tuple(fit.point for fit in others))
 
 
 def first_guesses(problem: Problem, effort: Effort, effects: Array | None = None) -> list[Array]:
-    """Coordinates to start from: the robot file's values and others drawn around them, effects as they are given."""
+    """Coordinates to start from: the robot file's values, and softer and stiffer ground; effects as they are given.
+
+    Grounds of very different stiffness explain a path nearly alike, and from one of them steps seldom lead to another.
+    """
     parameters = problem.parameters
     count = len(parameters.parameters)
     rng = problem.generator(Draw.FIRST_GUESSES)
-    drawn = rng.uniform(-_DRAWS, _DRAWS, (effort.starts - 1, count)) * parameters.spread[:count]
+    drawn = rng.uniform(-_DRAWS, _DRAWS, (effort.starts - 1, count))
+    stiffness = [i for i, key in enumerate(parameters.keys) if key in STIFFNESS]
+    drawn[::2, stiffness] -= _OTHER_STIFFNESS
+    drawn[1::2, stiffness] += _OTHER_STIFFNESS
+    drawn *= parameters.spread[:count]
     return [parameters.coordinates(parameters.at(d), effects) for d in (np.zeros(count), *drawn)]
 
 
-def _descended(task: tuple[Problem, Array, Array, int]) -> Fit:
+def _descended(task: tuple[Problem, Array, Loss, int]) -> Point:
     """What a worker of a cluster does."""
-    return _descend(*task)
+    return without_jump(*task)
 
 
-def _descend(problem: Problem, coordinates: Array, even: Array, steps: int) -> Fit:
-    """A few steps with an inflation that starts where most windows fit, and falls by thirds."""
-    free = free_parameters(problem)
-    inflation = spread(problem.windows, problem.residuals([coordinates], problem.starts)[0])
-    loss = Loss(inflation, even)
-    point = evaluate(problem, loss, [coordinates], problem.starts)[0]
-    damping, reduced = 1e-3, None
-    for k in range(steps):
-        point = scan(problem, loss, point, SCAN)
-        point = restarted_windows(problem, loss, point, k) if k % 2 == 1 else point
-        point, reduced, damping = step(problem, loss, point, free, damping)
-        loss = Loss(max(1.0, loss.inflation / 1.5), even)
-        point = reassessed(problem, loss, point)
-    assert reduced is not None
-    common = Loss(1.0, even)  # ends of different starts are compared by one measure
-    return Fit(reassessed(problem, common, point), loss, reduced, free, False)
+def without_jump(problem: Problem, coordinates: Array, loss: Loss, steps: int) -> Point:
+    """The best place without a jump; an inflation with which most windows fit falls by thirds.
+
+    Parameters
+    ----------
+    problem : Problem
+    coordinates : array, shape (p,)
+        Where to begin.
+    loss : Loss
+    steps : int
+        At most.
+    """
+    smooth = _with_jump(problem, 1.0)
+    begin = smooth.parameters.inside(coordinates)
+    inflation = min(spread(problem.windows, smooth.residuals([begin], problem.starts)[0]), _ROUGHEST)
+    rough = replace(loss, inflation=inflation)
+    point = evaluate(smooth, rough, [begin], problem.starts)[0]
+    return reassessed(smooth, loss, _down(smooth, rough, point, steps))
+
+
+def _with_jump(problem: Problem, jump: float | None) -> Problem:
+    """The problem with mu_s that follows mu_d, or with None again on its own."""
+    return problem.with_parameters(replace(problem.parameters, jump=jump))
+
+
+def _down(problem: Problem, loss: Loss, point: Point, steps: int) -> Point:
+    """Steps of all that has a gradient, until they gain little; the loss's inflation falls to 1 on the way."""
+    free, damping = free_parameters(problem), 1e-3
+    for _ in range(steps):
+        before = point.cost
+        point, _, damping = step(problem, loss, point, free, damping)
+        if loss.inflation > 1.0:
+            loss = replace(loss, inflation=max(1.0, loss.inflation / 1.5))
+            point = reassessed(problem, loss, point)
+        elif before - point.cost < _SMALL:
+            break
+    return point
+
+
+def continued(problem: Problem, loss: Loss, coordinates: Array, effort: Effort) -> Fit:
+    """The best fit that continuation leads to from some coordinates: without a jump first, then with one that grows."""
+    return _opened(problem, loss, without_jump(problem, coordinates, loss, effort.first), effort.last)
+
+
+def jump_opened(problem: Problem, loss: Loss, point: Point) -> Point:
+    """The best place as the jump of eq. 16 grows from none, all else following; mu_s has its own coordinate again.
+
+    Parameters
+    ----------
+    problem : Problem
+    loss : Loss
+    point : Point
+        The best place without a jump.
+    """
+    parameters = problem.parameters
+    if parameters.index(MU_S) is None:
+        return point
+    places = {1.0: point}
+
+    def add(jump: float, begin: Point) -> Point:
+        held = _with_jump(problem, jump)
+        moved = held.parameters.inside(begin.coordinates)
+        places[jump] = _down(held, loss, evaluate(held, loss, [moved], begin.starts)[0], _OPENED)
+        return places[jump]
+
+    here = point
+    for jump in JUMPS:
+        here = add(jump, here)
+    for _ in range(_BETWEEN):
+        jumps = sorted(places)
+        k = min(range(len(jumps)), key=lambda k: places[jumps[k]].cost)
+        for beside in (jumps[j] for j in (k - 1, k + 1) if 0 <= j < len(jumps)):
+            add(float(np.sqrt(jumps[k] * beside)), places[jumps[k]])
+    best = min(places.values(), key=lambda place: place.cost)
+    return evaluate(problem, loss, [parameters.inside(best.coordinates)], best.starts)[0]
+
+
+def _opened(problem: Problem, loss: Loss, point: Point, steps: int) -> Fit:
+    """The best fit with a jump, from one without: the jump grows, all else follows, and at last it is free."""
+    return converge(problem, jump_opened(problem, loss, point), loss, steps)
 
 
 def converge(problem: Problem, point: Point, loss: Loss, steps: int) -> Fit:

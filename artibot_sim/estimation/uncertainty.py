@@ -18,7 +18,7 @@ from artibot_sim.estimation.solver import Point, Reduced, evaluate, polished, re
 
 Array = NDArray[np.float64]
 
-GRID = np.array([0.0, 0.004, -0.004, 0.009, -0.009, 0.018, -0.018, 0.035, -0.035, 0.06, -0.06, 0.12, -0.12, 0.3, -0.3])
+GRID = np.array([0.0, *(s * x for x in (0.004, 0.009, 0.018, 0.035, 0.06, 0.12, 0.3, 0.6, 1.0) for s in (1.0, -1.0))])
 """Changes of mu_s's coordinate at which a profile is taken, from the inside out."""
 _HOPELESS = 30.0
 """A loss this much over the least has no weight; a profile goes no further on that side."""

@@ -27,6 +27,7 @@ from artibot_sim.estimation.search import (
     Effort,
     Fit,
     Tick,
+    continued,
     converge,
     restarted_windows,
     search,
@@ -50,8 +51,8 @@ Array = NDArray[np.float64]
 
 WINDOW = 5.0
 """s of a window: long enough for the path to say something, short enough that a start decides which branch it takes."""
-_FEW = 12
-"""Windows at most that the search from several starts takes, evenly."""
+_SEARCHED = 400.0
+"""s of windows at most that the search from several starts takes, evenly: real ground differs from one to the next."""
 LOWEST_NOISE = 0.7
 """Least noise that residuals may show, in that of neighbouring samples. Not in what was assumed before: how wrong an
 earlier fit was, and so where it ended, must not matter once a better one is found."""
@@ -60,8 +61,7 @@ _POOR = 1.4
 """Residuals over the sensor's noise from which a search has probably missed the best optimum; a total station's slow
 errors alone make as much."""
 _FOREIGN = 4.0
-"""Residuals over the sensor's noise from which not the noise but the model's own error is what residuals show; then no
-window is an exception."""
+"""Residuals over the sensor's noise from which they are not noise but the model's own error."""
 _FOR_CURRENTS = 180.0
 """s of windows at most whose path tells which torques currents follow."""
 _BESIDE = {
@@ -315,6 +315,9 @@ def best_fit(problem: Problem, effort: Effort, tick: Tick, trust: Trust | None =
         loss = trust.loss(thinned(part, some))
         point = evaluate(part, loss, [some.point.coordinates], some.point.starts)[0]
         some = replace(converge(part, point, loss, 3), report=some.report, others=some.others)
+    anew = continued(part, loss, some.point.coordinates, effort)  # under another loss another soil may be the best
+    if anew.point.cost < some.point.cost:
+        some = replace(anew, report=some.report, others=some.others)
     if poor:
         some = _profiled(part, some, _PATIENCE)
     tick()
@@ -330,7 +333,7 @@ def best_fit(problem: Problem, effort: Effort, tick: Tick, trust: Trust | None =
 
 def _searched(problem: Problem) -> list[int]:
     """Windows that the search from several starts takes."""
-    return list(range(0, len(problem), -(-len(problem) // _FEW)))
+    return list(range(0, len(problem), max(1, -int(-problem.durations.sum() // _SEARCHED))))
 
 
 def _of_all_windows(problem: Problem, loss: Loss, point: Point) -> Fit:

@@ -138,7 +138,8 @@ def test_an_identification_with_currents_says_what_they_are_and_what_they_cannot
     assert "torque_scale" not in found.robot.effects, "that is of these recordings"
     known = {one.name: one for one in found.estimates}
     assert known["u_w"].status is FitStatus.NOT_IDENTIFIABLE and "without a load" in known["u_w"].note
-    assert known["mu_s"].value == pytest.approx(husky.contact.mu_s, rel=0.1)
+    low, high = known["mu_s"].ci95
+    assert low < husky.contact.mu_s < high, "hardly a wheel slides"
     assert known["k_l"].value == pytest.approx(husky.contact.k_l, rel=0.25)
 
 

@@ -84,7 +84,7 @@ def fits_from_two_soils(problem: Problem, point: Point, loss: Loss, rounds: Roun
     that is right beside it, and what else is missing hides behind the wrong one.
     """
     effects = point.coordinates[len(problem.parameters.parameters) :]
-    begun = [point, reassessed(problem, loss, search(problem, Effort(), effects=effects).point)]
+    begun = [point, search(problem, Effort(), effects=effects, loss=loss).point]
     fits = side_by_side(lambda one: settled(problem, one, loss, rounds), begun, problem.workers)
     return sorted(fits, key=lambda one: one.point.cost)
 

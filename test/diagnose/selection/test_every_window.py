@@ -98,5 +98,5 @@ def test_no_effect_is_worse_than_none_over_all_windows() -> None:
     begun = replace(converge(more, far, loss, 1), point=far)
     rival = Rival(Trial(Hypothesis(extension), more, far, np.ones(1)), begun)
     (found,), (_, best) = every.evidence(part, replace(fit, loss=loss), [rival], 0, replace(Rounds(), many=1, few=1))
-    assert found.gained >= 0.0
+    assert found.gained >= -1e-6, "but for rounding"
     assert best.point.cost <= every.carried(part, replace(fit, loss=loss), 1)[1].point.cost
