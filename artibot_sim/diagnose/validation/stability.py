@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,12 +60,13 @@ def _conditions(problem: Problem) -> Array:
 def disagreement(problem: Problem, fit: Fit) -> float:
     """Nats by which all that was fitted would explain more if it had other values in each recording; mu_s has no say.
 
-    Parameters and result as in `drifts`; 0 for a single recording.
+    Parameters and result as in `drifts`; 0 for a single recording. No window counts as an exception: where recordings
+    contradict each other, a firm loss follows one of them, and what the others say has no weight any more.
     """
     names, recording = problem.recordings
     if len(names) < 2:
         return 0.0
-    free, reduced = _equations(problem, fit)
+    free, reduced = _equations(problem, replace(fit, loss=replace(fit.loss, firm=False)))
     return _gained(problem, fit, free, reduced, free, (recording[:, None] == np.arange(1, len(names))).astype(float))
 
 
