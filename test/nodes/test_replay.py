@@ -86,9 +86,11 @@ for kind, topic in ((JointState, "motor_torques"), (Odometry, "ground_truth/odom
     node.create_subscription(kind, topic, lambda m, topic=topic: got.append(topic), 5000)
 print("listening", flush=True)
 try:
-    rclpy.spin(node)
+    while rclpy.ok():  # rclpy.spin may miss the signal where nothing else wakes it
+        rclpy.spin_once(node, timeout_sec=0.1)
 except (ExternalShutdownException, KeyboardInterrupt):
-    print("got", got.count("motor_torques"), got.count("ground_truth/odom"), flush=True)
+    pass
+print("got", got.count("motor_torques"), got.count("ground_truth/odom"), flush=True)
 node.destroy_node()
 """
 """A program of somebody else's that subscribes with the default quality of service."""
