@@ -53,7 +53,7 @@ def test_an_effect_that_the_next_one_makes_up_for_is_dropped(monkeypatch: pytest
     remember_stages(monkeypatch)
     try_only(monkeypatch, *FEW)
     hidden = case((truth,), seed=31, **DRIVE)
-    little = replace(THRESHOLDS, floor=25.0, tail=0.0, size=0.0, margin=0.0)
+    little = replace(THRESHOLDS, floor=12.0, tail=0.0, size=0.0, margin=0.0)
     robot, options = load_robot("agriq"), Options(thresholds=little)
     problem, fit = baseline(hidden.recordings, robot, options)
     view = command_view(hidden.recordings, robot)
