@@ -477,3 +477,36 @@ def as_text(table: Sequence[OdometryErrors], windows: int, fitted: int, short: i
         share = "" if row.consistent is None else f"{100 * row.consistent:.0f} %"
         lines.append(f"{row.name:34}" + "".join(f"{number:9.3g}" for number in numbers) + f"{share:>13}")
     return "\n".join(lines)
+
+
+def remarks(fit: Sequence[OdometryWindow], found: Sequence[OdometryWindow], robot: Robot, track: float) -> list[str]:
+    """Return what windows say beside the table, for a terminal: slip of the sides, a gyroscope's bias, the ground.
+
+    Parameters
+    ----------
+    fit, found : sequence of OdometryWindow
+        Windows that were fitted, and those that are judged.
+    robot : Robot
+    track : float
+        Fitted, m.
+    """
+    said = []
+    walk, straight = heading_walk([*fit, *found], track)
+    if math.isfinite(walk):  # else there are too few such windows
+        stated = 2.0 * robot.odometry.travel_slip / robot.front.i_y
+        said.append(
+            f"heading by wheels on {straight} nearly straight windows: {walk:.3g} rad per root metre; "
+            f"odom states {stated:.3g}, for sides that slip on grounds of their own"
+        )
+    if (bias := gyro_bias([*fit, *found])) is not None:
+        said.append(
+            f"the gyroscope shows {bias:.3g} rad/s too much: identify with --fit …,effects.gyro_bias.bias "
+            "--prior effects.gyro_bias.bias=0±0.02"
+        )
+    differ, pairs = repeatability(found, track)
+    if math.isfinite(differ):
+        said.append(
+            f"{pairs} pairs of windows in a row were driven alike: headings differ by {differ:.3g} rad (median, the "
+            "share of one); no odometry by rotations alone is better on this ground"
+        )
+    return said

@@ -62,7 +62,7 @@ _SAME = 10.0
 _ROUGHEST = 30.0
 """Largest inflation from which a search begins."""
 _SMALL = 1.0
-"""Fall of the loss, per free parameter, under which a fit has converged."""
+"""Fall of the loss, per free parameter, under which a fit has converged; in all, on the way to one."""
 
 
 @dataclass(frozen=True)
@@ -172,8 +172,9 @@ def search(
         All samples count alike by default.
     """
     loss = loss or Loss(1.0, np.ones(len(CHANNEL_NAMES)))
-    tasks = [(problem, coordinates, loss, effort.first) for coordinates in first_guesses(problem, effort, effects)]
-    ends = side_by_side(_descended, tasks, problem.workers, tick, effort.scheduler)
+    guesses = first_guesses(problem, effort, effects)
+    first = partial(without_jump, problem, loss=loss, steps=effort.first)
+    ends = side_by_side(first, guesses, problem.workers, tick, effort.scheduler)
     ends.sort(key=lambda point: point.cost)
     near = [end for end in ends if end.cost <= _CLOSE * ends[0].cost]
     different = [end for k, end in enumerate(near) if k == 0 or end.cost > near[k - 1].cost + _SAME]
@@ -183,7 +184,7 @@ def search(
     reached = [finals[k].point.cost for k in which if k < len(finals)]
     finals.sort(key=lambda fit: fit.point.cost)
     best, *others = finals
-    return replace(best, report=SearchReport.of(len(tasks), reached), others=tuple(fit.point for fit in others))
+    return replace(best, report=SearchReport.of(len(guesses), reached), others=tuple(fit.point for fit in others))
 
 
 def first_guesses(problem: Problem, effort: Effort, effects: Array | None = None) -> list[Array]:
@@ -200,11 +201,6 @@ def first_guesses(problem: Problem, effort: Effort, effects: Array | None = None
     drawn[1::2, stiffness] += _OTHER_STIFFNESS
     drawn *= parameters.spread[:count]
     return [parameters.coordinates(parameters.at(d), effects) for d in (np.zeros(count), *drawn)]
-
-
-def _descended(task: tuple[Problem, Array, Loss, int]) -> Point:
-    """What a worker of a cluster does."""
-    return without_jump(*task)
 
 
 def without_jump(problem: Problem, coordinates: Array, loss: Loss, steps: int) -> Point:
@@ -227,8 +223,8 @@ def without_jump(problem: Problem, coordinates: Array, loss: Loss, steps: int) -
     return reassessed(smooth, loss, _down(smooth, rough, point, steps))
 
 
-def _with_jump(problem: Problem, jump: float | None) -> Problem:
-    """The problem with mu_s that follows mu_d, or with None again on its own."""
+def _with_jump(problem: Problem, jump: float) -> Problem:
+    """The problem with mu_s that is `jump` times mu_d."""
     return problem.with_parameters(replace(problem.parameters, jump=jump))
 
 

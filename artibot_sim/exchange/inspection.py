@@ -409,7 +409,7 @@ class _Together:
         return _length(self.parts)
 
     def share(self, experiment: Experiment) -> float:
-        """The same, of the recording's time."""
+        """For which share of the recording both were measured."""
         return min(1.0, self.seconds / experiment.duration) if experiment.duration else 1.0
 
     def faults(self, experiment: Experiment) -> list[str]:

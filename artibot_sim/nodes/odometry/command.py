@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -145,24 +144,8 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
     rows = check.rows(found, robot, track, factors)
     slip = ModelOdometry.SLIP.times(factors["model"])
     click.echo(check.as_text(rows, len(found), len(fit), len(short)))
-    walk, straight = check.heading_walk([*fit, *found], track)
-    if math.isfinite(walk):  # else there are too few such windows
-        stated = 2.0 * robot.odometry.travel_slip / robot.front.i_y
-        click.echo(
-            f"heading by wheels on {straight} nearly straight windows: {walk:.3g} rad per root metre; "
-            f"odom states {stated:.3g}, for sides that slip on grounds of their own"
-        )
-    if (bias := check.gyro_bias([*fit, *found])) is not None:
-        click.echo(
-            f"the gyroscope shows {bias:.3g} rad/s too much: identify with --fit …,effects.gyro_bias.bias "
-            "--prior effects.gyro_bias.bias=0±0.02"
-        )
-    differ, pairs = check.repeatability(found, track)
-    if math.isfinite(differ):
-        click.echo(
-            f"{pairs} pairs of windows in a row were driven alike: headings differ by {differ:.3g} rad (median, the "
-            "share of one); no odometry by rotations alone is better on this ground"
-        )
+    for remark in check.remarks(fit, found, robot, track):
+        click.echo(remark)
     click.echo(
         f"for the node: odometry.travel_slip {slip.travel:.3g}, odometry.turn_slip {slip.turn:.3g}, "
         f"odometry.side_slip {slip.side:.3g}"
