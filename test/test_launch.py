@@ -16,11 +16,12 @@ from typing import Any
 
 import pytest
 import yaml
+from bag_helpers import small_bag
 
 from artibot_driver.loopback import loopback_bus
 from artibot_sim.cli import main
 from artibot_sim.cli.words import COMMANDS
-from ros_helpers import ROOT, NodeStarter, spin_until
+from ros_helpers import ROOT, NodeProcess, NodeStarter, spin_until
 
 LAUNCH_FILES = sorted((ROOT / "launch").glob("*.launch.py"))
 BAG = "recording"
@@ -86,6 +87,7 @@ class Node:
     arguments: list[Any] = field(default_factory=list)
     on_exit: Any = None
     condition: Any = None
+    """An object of launch; after `nodes_of` whether it holds."""
 
 
 def described(path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
@@ -119,6 +121,11 @@ def nodes_of(entities: list[Any], **given: str) -> list[Node]:
             return Command([resolve(part) for part in value.command])
         if isinstance(value, ParameterValue):
             return resolve(value.value)
+        if isinstance(value, PathJoinSubstitution):
+            return str(Path(*map(resolve, value.substitutions)))
+        if isinstance(value, FindPackageShare):
+            assert value.package == "artibot_sim"
+            return str(ROOT)  # what is installed into share/ is laid out as here
         return resolve(values[value.variable_name]) if isinstance(value, LaunchConfiguration) else value
 
     def parameter(value: Any) -> Any:
@@ -126,11 +133,20 @@ def nodes_of(entities: list[Any], **given: str) -> list[Node]:
         text = resolve(value)
         return (yaml.safe_load(text) if text else "") if isinstance(value, LaunchConfiguration) else text
 
+    def holds(condition: Any) -> bool:
+        """As launch has it, which takes these four words and no other."""
+        if condition is None:
+            return True
+        word = resolve(condition.predicate_expression).strip().lower()
+        assert word in ("true", "1", "false", "0"), word
+        return (word in ("true", "1")) is isinstance(condition, IfCondition)
+
     nodes = [e for e in entities if isinstance(e, Node)]
     for node in nodes:
         node.arguments = [resolve(a) for a in node.arguments]
         node.parameters = [{key: parameter(value) for key, value in group.items()} for group in node.parameters]
         node.namespace = resolve(node.namespace)
+        node.condition = holds(node.condition)
     return nodes
 
 
@@ -192,7 +208,7 @@ def test_a_real_rover_is_the_one_of_its_driver_s_parameters_and_waits(monkeypatc
     """What this file has for a default changes neither polarity nor gears of motors that really turn, nor enables."""
     path = next(path for path in LAUNCH_FILES if path.name.startswith("field_test"))
     drivers = [n for n in nodes_of(described(path, monkeypatch), simulated="false") if n.executable == "driver"]
-    (real,) = [node for node in drivers if isinstance(node.condition, UnlessCondition)]
+    (real,) = [node for node in drivers if node.condition]
     assert real.parameters == [{"enable_on_start": False}]
     assert "--robot" not in real.arguments and "--enable" not in real.arguments
 
@@ -227,6 +243,65 @@ def test_parameters_exist(
         process.stop()
 
 
+def launch(path: Path, start_node: NodeStarter, folder: Path, **given: str) -> dict[str, NodeProcess]:
+    """Start all that a launch file starts with these arguments; by executable."""
+    with pytest.MonkeyPatch.context() as patch:
+        nodes = [node for node in nodes_of(described(path, patch), **given) if node.condition]
+    assert len({node.executable for node in nodes}) == len(nodes)
+    return {node.executable: start_node(node.executable, *launched(node, folder)) for node in nodes}
+
+
+def recorded(bag: Path) -> dict[str, int]:
+    """Topic → how many messages a recording has of it."""
+    found = yaml.safe_load((bag / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    return {each["topic_metadata"]["name"]: each["message_count"] for each in found["topics_with_message_count"]}
+
+
+@pytest.mark.parametrize("simulated", ["true", "false"])
+def test_a_field_test_runs_as_a_whole(
+    start_node: NodeStarter, ros_context: object, bus_channel: str, tmp_path: Path, simulated: str
+) -> None:
+    """Rover, driver, planner and recorder find each other, and the planner's end is that of the launch.
+
+    Where the rover is a real one, drives are on the bus already, and nothing moves before somebody enables them.
+    """
+    import rclpy.node
+    from std_srvs.srv import Trigger
+
+    bag = tmp_path / "run"
+    if simulated == "false":
+        start_node("drives", "--channel", bus_channel).wait_for("drives")
+    path = next(path for path in LAUNCH_FILES if path.name.startswith("field_test"))
+    given = {"simulated": simulated, "channel": bus_channel, "manoeuvre": "short", "namespace": "rover1"}
+    nodes = launch(path, start_node, tmp_path, out=str(bag), **given)
+    assert set(nodes) == {"record", "driver", "planner"} | ({"sim"} if simulated == "true" else set())
+    if simulated == "false":
+        nodes["driver"].wait_for("may be enabled", 60.0)
+        probe = rclpy.node.Node("probe", context=ros_context)
+        client = probe.create_client(Trigger, "/rover1/driver/enable")
+        spin_until(probe, client.service_is_ready, timeout=60, what="the driver's service")
+        assert "starts at" not in nodes["planner"].output
+        answer = client.call_async(Trigger.Request())
+        spin_until(probe, answer.done, timeout=30, what="being enabled")
+        assert answer.result().success, answer.result().message
+    assert nodes["planner"].wait(150.0) == 0, nodes["planner"].output
+    for node in nodes.values():  # as on_exit's Shutdown does
+        assert node.stop(20.0) == 0, node.output
+    counts = recorded(bag)
+    assert counts["/rover1/planned/front_velocity"] == 1
+    assert all(counts[f"/rover1/{topic}"] > 100 for topic in ("odom", "motor_torques", "planned/odom"))
+    assert counts["/rover1/from_can_bus"] > 1000 and counts["/diagnostics"] > 5
+    assert ("/rover1/ground_truth/odom" in counts) == (simulated == "true")
+
+
+def test_a_replay_runs_as_a_whole(start_node: NodeStarter, tmp_path: Path) -> None:
+    bag = small_bag(tmp_path / "made", 2)
+    path = next(path for path in LAUNCH_FILES if path.name.startswith("replay"))
+    nodes = launch(path, start_node, tmp_path, bag=str(bag), rate="2.0", namespace="rover1")
+    assert nodes["replay"].wait() == 0
+    assert "done: " in nodes["replay"].output
+
+
 def test_the_view_gives_robot_state_publisher_the_urdf_and_rviz_its_file(monkeypatch: pytest.MonkeyPatch) -> None:
     """The command that launch would run is run here: what it prints is the parameter's text."""
     path = next(path for path in LAUNCH_FILES if path.name.startswith("view"))
@@ -242,8 +317,8 @@ def test_the_view_gives_robot_state_publisher_the_urdf_and_rviz_its_file(monkeyp
     assert done.stderr == "", "launch's Command fails where anything is said there"
     assert done.stdout == (ROOT / "config" / "urdf" / "epiq.urdf").read_text()
     option, file = rviz.arguments
-    assert option == "-d" and file.substitutions[0] == FindPackageShare("artibot_sim")
-    layout = yaml.safe_load(ROOT.joinpath(*file.substitutions[1:]).read_text())
+    assert option == "-d"
+    layout = yaml.safe_load(Path(file).read_text())
     displays = layout["Visualization Manager"]["Displays"]
     topics = {d[key]["Value"] for d in displays for key in ("Topic", "Description Topic") if key in d}
     assert topics == {"robot_description", "planned/path", "odom", "ground_truth/odom"}
