@@ -315,16 +315,18 @@ Array = NDArray[np.float64]
 Place = tuple[float, tuple[float, float]]
 """A value and its 95 % interval, m."""
 
-_ROUNDS, _TRIED = 5, 20
+_ROUNDS, _TRIED = 12, 20
 """Rounds, and discs in each."""
-_SOME = 3
-"""Rounds where no interval is asked for."""
 _FIRST = 0.2
 """Standard deviation of the first round's centres and radii, m."""
+_NEXT = 0.02
+"""What is added to that of later rounds, m, so that none tries one disc only."""
 _FARTHEST = 0.8
 """Farthest that centre and radius are moved, m."""
 _BLUNT = 4.0
-"""Losses over this say around which discs the next ones are drawn: wider than what is known."""
+"""Losses over this, or more (`_shares`), say around which discs the next ones are drawn: wider than what is known."""
+_COUNT = 6.0
+"""So many discs count at least: a few centimetres cost hundreds of nats, and one disc alone tells no direction."""
 _WIDER = 1.5
 _LEAST = 0.05
 """Standard deviation of what no residual shows, and of what lies between discs that were tried, m."""
@@ -384,7 +386,7 @@ class _NearWindows:
 def disc_place(problem: Problem, fit: Fit, which: int, seed: int) -> dict[str, Place]:
     """Centre and radius (m) of the disc numbered `which` among the effects, with 95 % intervals; none for others."""
     rng = np.random.default_rng(seed)
-    table, losses = _tried(problem, fit, which, rng, _ROUNDS)
+    table, losses = _tried(problem, fit, which, rng)
     if not len(table):
         return {}
     weights = np.ones((_DRAWS, losses.shape[1]))
@@ -404,7 +406,7 @@ def on_best_disc(problem: Problem, fit: Fit, seed: int, steps: int) -> tuple[Pro
     What is looked for next must not have to make up for a disc that lies beside its place.
     """
     which = len(problem.parameters.extensions) - 1
-    table, losses = _tried(problem, fit, which, np.random.default_rng(seed), _SOME)
+    table, losses = _tried(problem, fit, which, np.random.default_rng(seed))
     if not len(table):
         return problem, fit
     moved = with_disc(problem, which, table[np.argmin(losses.sum(axis=1))])
@@ -413,8 +415,12 @@ def on_best_disc(problem: Problem, fit: Fit, seed: int, steps: int) -> tuple[Pro
     return (moved, found) if found.point.cost < fit.point.cost else (problem, fit)
 
 
-def _tried(problem: Problem, fit: Fit, which: int, rng: np.random.Generator, rounds: int) -> tuple[Array, Array]:
-    """Discs (n, 3) around the fitted one, which is the first, and their losses (n, windows + 1); none for others."""
+def _tried(problem: Problem, fit: Fit, which: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Discs (n, 3) around the fitted one, which is the first, and their losses (n, windows + 1); none for others.
+
+    Each round is drawn from the normal distribution of the discs that explained most, correlations and all: a disc that
+    is larger and farther off touches nearly the same wheels, so the loss is a narrow valley askew to x, y and radius.
+    """
     extension = problem.parameters.extensions[which]
     here = np.array([float(extension.fixed[name]) for name in extension.search.disc])
     rows = _near(problem, here)
@@ -423,17 +429,32 @@ def _tried(problem: Problem, fit: Fit, which: int, rng: np.random.Generator, rou
     apart = _NearWindows(problem.part(rows), rows, fit, which)
     table, losses = here[None], apart.losses(here)[None]
     scale = length(problem)
-    middle, width = here, np.full(3, scale * _FIRST)
-    for _ in range(rounds):
-        tried = _inside(here, middle + width * rng.normal(size=(_TRIED, 3)), scale)
+    middle, covariance = here, np.eye(3) * (scale * _FIRST) ** 2
+    for _ in range(_ROUNDS):
+        drawn = middle + rng.normal(size=(_TRIED, 3)) @ np.linalg.cholesky(covariance).T
+        tried = _inside(here, drawn, scale)
         found = side_by_side(apart.losses, list(tried), problem.workers)
         table, losses = np.concatenate([table, tried]), np.concatenate([losses, found])
         total = losses.sum(axis=1)
-        share = np.exp(-0.5 / _BLUNT * (total - total.min()))
-        middle = np.average(table, axis=0, weights=share)
-        width = _WIDER * np.sqrt(np.average((table - middle) ** 2, axis=0, weights=share))
-        width = np.clip(width, scale * _LEAST, scale * _FIRST)
+        share = _shares(total - total.min())
+        middle = share @ table
+        away = table - middle
+        covariance = _WIDER**2 * (away.T * share) @ away + np.eye(3) * (scale * _NEXT) ** 2
     return table, losses
+
+
+def _shares(excess: Array) -> Array:
+    """Weights of discs by how much more they lose than the best (nats), of `_COUNT` at least.
+
+    That is, their effective number 1/sum(share²) is as large.
+    """
+    blunt, enough = _BLUNT, min(_COUNT, 0.5 * len(excess))
+    while True:
+        share = np.exp(-0.5 / blunt * excess)
+        share /= share.sum()
+        if 1.0 / (share @ share) >= enough:
+            return share
+        blunt *= 1.3
 
 
 def _near(problem: Problem, disc: Array) -> list[int]:
