@@ -13,7 +13,11 @@ from artibot_sim.model.kernels.layout import ALPHA, BACK, BETA, LOAD, PUSH, ROW,
 from artibot_sim.model.robot.derived import params
 from artibot_sim.model.simulate.rollout import FASTEST, HARDEST, TIPPED_AT, first_fault
 
-ROBOTS = {name: load_robot(name) for name in ("agriq", "husky")}
+ROBOTS = {
+    name: replace(load_robot(name), effects={"external_force": {"force": 1.0, "heading": 0.0}})
+    for name in ("agriq", "husky")
+}
+"""With an effect: nothing else pushes, and forces of a robot without any are not looked at."""
 
 
 def reference(name: str, q: np.ndarray, v: np.ndarray, w: np.ndarray) -> list[Status | None]:

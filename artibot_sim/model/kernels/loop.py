@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.equations.dynamics import module_gravity
-from artibot_sim.model.equations.transmission import PRESCRIBED, TORQUE, drives_next
+from artibot_sim.model.equations.transmission import PRESCRIBED, TORQUE, drives_next, driving
 from artibot_sim.model.kernels.compilation import inlined, kernel
 from artibot_sim.model.kernels.elementary import cubic_at, cubic_between
 from artibot_sim.model.kernels.energy import powers
@@ -120,11 +120,14 @@ def feed_back(p, fx, v, w, modes, hold, eta, previous):
 @inlined
 def next_efficiency(unit, M_m, drag, theta_dot, theta_ddot, motor, modes, hold):
     """Efficiency of a motor for the next step (eq. 23), from its torque, `drag` (N m) and rotation in this one."""
-    measured = hold[TORQUE_D + motor] - drag if modes[motor] == PRESCRIBED else math.nan
-    drives = drives_next(
-        M_m - drag, theta_dot, unit.J_m * theta_ddot, 1.0 / hold[EFFICIENCY + motor], 1.0 / unit.eta_d, unit.eta_r,
-        measured,
-    )  # fmt: skip
+    through_gear, measured = M_m - drag, hold[TORQUE_D + motor] - drag
+    if modes[motor] == PRESCRIBED and measured == measured:
+        drives = drives_next(
+            through_gear, theta_dot, unit.J_m * theta_ddot, 1.0 / hold[EFFICIENCY + motor], 1.0 / unit.eta_d,
+            unit.eta_r, measured,
+        )  # fmt: skip
+    else:  # one rover alone, with nothing measured, does not pay for what decides between two
+        drives = driving(through_gear, theta_dot)
     return unit.eta_d if drives else 1.0 / unit.eta_r
 
 

@@ -196,10 +196,14 @@ def prepare(
             f"ground: robot '{robot.name}' has {len(robot.modules)} modules; uneven ground is for robots of one or two"
         )
     p = _numbers(robot, chosen, ground)
-    longest, mode = _longest(robot, commands, integrator, chosen, share, ground)
+    longest, mode = _longest(robot, p, commands, integrator, chosen, share)
     if dt > longest and not (integrator == "rk4" and mode != RELAXATION and robot.trailing):
         mend = "" if integrator == "semi_implicit" else ", or use the integrator 'semi_implicit'"
-        what = limited_by(robot, mode, lambda other: _longest(other, commands, integrator, chosen, share, ground)[0])
+
+        def longest_of(other: Robot) -> float:
+            return _longest(other, _numbers(other, chosen, ground), commands, integrator, chosen, share)[0]
+
+        what = limited_by(robot, mode, longest_of)
         raise ArtibotError(
             f"dt: {dt:g} s is unstable with '{integrator}'; expected at most {longest:.3g} s ({what}); "
             f"take a shorter step{mend}"
@@ -221,10 +225,9 @@ def _numbers(robot: Robot, modes: tuple[Mode, ...], ground: Ground | None) -> Pa
 
 
 def _longest(
-    robot: Robot, commands: Commands, integrator: str, modes: tuple[Mode, ...], kappa: float, ground: Ground | None
+    robot: Robot, p: Params | Train, commands: Commands, integrator: str, modes: tuple[Mode, ...], kappa: float
 ) -> tuple[float, str]:
-    """Longest stable step (s) of what is to be simulated, and which motion sets it."""
-    p = _numbers(robot, modes, ground)
+    """Longest stable step (s) of what is to be simulated, and which motion sets it; `p` are the robot's `_numbers`."""
     if isinstance(p, Train):
         common = p.modules[0]
         longest, motion = largest_step(p, integrator, trains.by_side(robot, modes), torque_factors(robot, kappa))
@@ -242,8 +245,10 @@ def driven_by(commands: Commands) -> tuple[Array, Array, Array]:
 
     All can be written, as those of `Stepper` are: numba compiles anew for one that cannot.
     """
-    given = np.array(commands.commanded)
-    position, velocity = np.where(given, commands.position, 0.0), np.where(given, commands.velocity, 0.0)
+    position, velocity = commands.position.copy(), commands.velocity.copy()
+    for motor, given in enumerate(commands.commanded):
+        if not given:
+            position[:, motor] = velocity[:, motor] = 0.0
     return position, velocity, commands.torque.copy()
 
 
@@ -300,8 +305,10 @@ def first_fault(
     x = robot.effects.get("com_offset", {}).get("x", 0.0)
     bodies = _bodies(p)
     plain = x == 0.0 and ground is None
-    if plain and w is not None and isinstance(p, Params) and _far_from_faults(p, bodies, robot.wheel.r_w, q, v, w):
-        return None
+    if plain and w is not None and isinstance(p, Params):
+        pushed = w[:, PUSH:ROW] if robot.effects else None
+        if _far_from_faults(p, bodies, robot.wheel.r_w, q, v, pushed):
+            return None
     found: list[tuple[int, Status, str]] = []
     if abs(float(x)) >= bodies[0].half_x:
         wheels = f"the wheels at ±{bodies[0].half_x:g} m; two of them would carry less than nothing"
@@ -324,16 +331,22 @@ def first_fault(
     return min(found) if found else None
 
 
-def _far_from_faults(p: Params, bodies: list[ModuleParams], r_w: float, q: Array, v: Array, w: Array) -> bool:
+def _far_from_faults(
+    p: Params, bodies: list[ModuleParams], r_w: float, q: Array, v: Array, pushed: Array | None
+) -> bool:
     """Whether no row is near a fault, by the largest value that each quantity has in any of them; not where one is NaN.
+
+    `pushed` are the effects' forces, None of a robot without effects.
 
     A rover that is stepped asks hundreds of times a second. Two components of a speed within 0.7 of its limit do not
     exceed it together, nor do the four of a force within 0.3.
     """
-    at, speed, force = _largest(q), _largest(v), _largest(w[:, PUSH:ROW])
-    mass = min(body.m for body in bodies)
-    hard = 0.3 * HARDEST * mass * abs(p.g_z)
-    return all(force[i] <= hard for i in _FORCES) and all(
+    at, speed = _largest(q), _largest(v)
+    if pushed is not None:
+        force, hard = _largest(pushed), 0.3 * HARDEST * min(body.m for body in bodies) * abs(p.g_z)
+        if not all(force[i] <= hard for i in _FORCES):
+            return False
+    return all(
         at[b + ALPHA] <= TIPPED_AT
         and at[b + BETA] <= TIPPED_AT
         and at[b + Z] <= body.r_0 + r_w

@@ -67,11 +67,10 @@ class State:
         modules = max(2, round(np.size(self.q) / 8))
         remembered = {"lateral": 4, "bristles": 8, "windup": 4, "behind": 2}
         for name, share in {"q": 8, "v": 8, "eta": 2, "torque": 2, **remembered}.items():
-            size = share * modules
-            if getattr(self, name) is None and name in remembered:
-                object.__setattr__(self, name, np.zeros(size))
-            array = np.array(getattr(self, name), dtype=float)
-            if array.shape != (size,) or not np.isfinite(array).all():
+            size, given = share * modules, getattr(self, name)
+            remembers_nothing = given is None and name in remembered
+            array = np.zeros(size) if remembers_nothing else np.array(given, dtype=float)
+            if not remembers_nothing and (array.shape != (size,) or not np.isfinite(array).all()):
                 raise ArtibotError(f"state.{name}: found {array!r}, expected {size} finite numbers")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -137,10 +136,10 @@ def initial_state(
         level, surface = posture_at_rest(p, (0.0, 0.0, 0.0), float(bends[0])), ground.under_wheels(robot.wheel.r_w)
         q = _settled(p, _moved(level, (x, y, yaw)), PlainEffects(robot.effects, t), surface)
     eta = np.array([robot.drive.front.eta_d] * 2 + [(robot.drive.back or robot.drive.front).eta_d] * 2)
-    bristles = np.zeros((2, 8))
-    if p.bristle > 0.0 and ground is None:
-        bent = _bent_at_rest(p, q, PlainEffects(robot.effects, t))
-        bristles[:, : bent.shape[1]] = bent
+    if p.bristle <= 0.0 or ground is not None:
+        return State(t, q, np.zeros(16), eta, np.zeros(4))
+    bristles, bent = np.zeros((2, 8)), _bent_at_rest(p, q, PlainEffects(robot.effects, t))
+    bristles[:, : bent.shape[1]] = bent
     return State(t, q, np.zeros(16), eta, np.zeros(4), bristles=bristles.ravel(), windup=np.sign(bristles[0]))
 
 
