@@ -11,6 +11,8 @@ import pytest
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, State, Status, initial_state, load_robot, rollout
 from artibot_sim.model.analysis.stability import largest_step
+from artibot_sim.model.effects import EFFECTS, LAWS, effects_from_dict
+from artibot_sim.model.effects.base import Choice
 from artibot_sim.model.robot.derived import params
 from artibot_sim.planning import load_manoeuvre, plan
 
@@ -38,6 +40,7 @@ def commands(velocity: float = 50.0, knots: int = 11) -> Commands:
         ({"duration": -1.0}, "duration"),
         ({"duration": 1e9}, "duration: 1e+09 s at a dt of 0.001 s are 1e+12 steps"),
         ({"dt": 1e-8, "duration": 24.0}, "every: 2.4e+08 rows"),
+        ({"integrator": "semi_implicit", "kappa": 1e-9}, "dt: a step of 0.001 s would be cut into 2.7e+08 parts"),
         ({"modes": (Mode.PRESCRIBED,) * 3}, "modes"),
         ({"modes": Mode.PRESCRIBED}, "commands.velocity: no speeds for back_right"),
     ],
@@ -198,6 +201,49 @@ def test_a_rover_that_the_model_does_not_hold_for_says_why(effects: dict, status
     assert (result.final_state is None) == (status is not Status.OK)
     assert len(result.t) == len(result.q) == len(result.row) >= 1
     assert np.abs(result.q[:-1, 3:5]).max(initial=0.0) <= 1.0
+
+
+SIZES = (-1e300, -1e9, -1.0, -1e-3, 0.0, 1e-300, 1e-9, 1e-3, 0.05, 0.5, 1.5, 30.0, 1e3, 1e9, 1e300)
+"""Of effects' parameters: none that a file takes may end in anything but finite rows and a status, or a refusal."""
+
+
+def drawn_effect(rng: np.random.Generator, name: str) -> dict[str, float | str]:
+    """Parameters at random, some left out."""
+    return {
+        key: str(rng.choice(one.quantity.names)) if isinstance(one.quantity, Choice) else float(rng.choice(SIZES))
+        for key, one in EFFECTS[name].parameters.items()
+        if rng.random() < 0.85
+    }
+
+
+@pytest.mark.parametrize("name", sorted(set(EFFECTS) - set(LAWS)))
+def test_whatever_size_an_effect_has_a_run_ends_with_finite_rows_or_is_refused(name: str) -> None:
+    rng = np.random.default_rng(sum(map(ord, name)))
+    ran = 0
+    for _ in range(25):
+        robot = load_robot(str(rng.choice(["agriq", "epiq", "husky"])))
+        integrator = str(rng.choice(["rk4", "semi_implicit"]))
+        try:
+            robot = dataclasses.replace(robot, effects=effects_from_dict({name: drawn_effect(rng, name)}))
+            result = rollout(robot, commands(30.0, knots=31), integrator=integrator)
+        except ArtibotError as error:
+            assert "\n" not in str(error)
+            continue
+        ran += 1
+        assert result.message and (result.final_state is None) == (result.status is not Status.OK)
+        for array in (result.t, result.q, result.v, result.row):
+            assert np.isfinite(array).all()
+    assert ran > 0
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_forces_that_no_number_holds_are_a_divergence(integrator: str) -> None:
+    robot = dataclasses.replace(
+        load_robot("agriq"), effects={"residual_force": {"front_turn_rate": 1e300, "since": -1e300}}
+    )
+    result = rollout(robot, commands(), integrator=integrator)
+    assert result.status is Status.DIVERGED and "diverged at 0.000 s: a force" in result.message
+    assert result.final_state is None and np.isfinite(result.row).all()
 
 
 @pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])

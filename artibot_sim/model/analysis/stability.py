@@ -70,6 +70,12 @@ LONGEST_SLIP_PART = 0.45
 which the step is too long: an explicit step is stable up to 2."""
 
 
+MOST_PARTS = 100_000
+"""More parts of a step than any ground asks for: at 1 ms they would take ten seconds for each of a drive."""
+
+SHARING = "control.kappa, torque sharing"
+
+
 def parts(p: Params | Train, dt: float, share: Shares = 0.0) -> int:
     """Into how many equal parts a semi-implicit step of `dt` (s) is cut so that its result can be trusted.
 
@@ -78,9 +84,25 @@ def parts(p: Params | Train, dt: float, share: Shares = 0.0) -> int:
     too; `share` is eq. 30's factor of one back motor.
     """
     chain = _chain(p)
-    need, p = min(LONGEST_PART, _quick_sharing_limit(chain, share)), chain.p
-    need = min([need, *(LONGEST_SLIP_PART / _fastest_slip(p, body) for body in chain.bodies)])
-    return max(1, math.ceil(dt / need - 1e-9))
+    slip = max(_fastest_slip(chain.p, body) for body in chain.bodies) / LONGEST_SLIP_PART
+    limits = (
+        (1.0 / LONGEST_PART, "accuracy"),
+        (slip, "slip of the wheels"),
+        (1.0 / _quick_sharing_limit(chain, share), SHARING),
+    )
+    rate, motion = max(limits)
+    return number_of_parts(dt, rate, motion)
+
+
+def number_of_parts(dt: float, rate: float, motion: str) -> int:
+    """How many equal parts of a step of `dt` (s) are no longer than 1/rate (s), as a motion asks; not too many."""
+    count = dt * rate
+    if not count <= MOST_PARTS:
+        raise ArtibotError(
+            f"dt: a step of {dt:g} s would be cut into {count:.2g} parts ({motion}); expected at most {MOST_PARTS:g}; "
+            "take softer ground, weaker effects or a larger kappa"
+        )
+    return max(1, math.ceil(count - 1e-9))
 
 
 def _fastest_slip(p: Params, body: ModuleParams) -> float:
@@ -140,7 +162,7 @@ def largest_step(p: Params | Train, integrator: str, modes: tuple[int, ...], sha
         limits.append(((_RK4_REAL if integrator == "rk4" else 2 * MARGIN) / p.velocity_gain, "control.velocity_gain"))
     longest, what = min(limits)
     if integrator == "rk4" and TORQUE in modes[2:] and _quick_sharing_limit(chain, share) < longest:
-        return min((longest, what), (_sharing_limit(chain, modes, share, longest), "control.kappa, torque sharing"))
+        return min((longest, what), (_sharing_limit(chain, modes, share, longest), SHARING))
     return longest, what
 
 

@@ -705,6 +705,9 @@ def finished(
 
     Tables have a row each `every` steps, and one for the end.
     """
+    overflown = kept > 0 and not np.isfinite(tables[2][kept - 1]).all()  # at a state that is sound itself
+    if overflown:
+        kept, final = kept - 1, None
     count = -(-setup.steps // every) + 1
     t = setup.start.t + np.minimum(np.arange(count) * every, setup.steps)[:kept] * dt
     ended = None if surface is None or setup.ground is None else stopped(surface.found, setup.ground.name)
@@ -712,6 +715,9 @@ def finished(
         t[-1] = setup.start.t + surface.found[3]
     if final is not None:
         message = f"{setup.steps} steps of {dt:g} s with {integrator}"
+    elif overflown:
+        at = setup.start.t + min(kept * every, setup.steps) * dt
+        message = f"diverged at {at:.3f} s: a force on the rover is beyond all numbers; take effects of another size"
     elif not kept:
         message = "diverged before its first step: the state it starts from has a speed or angle that no rover has"
     else:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.analysis.stability import largest_step, parts
+from artibot_sim.model.analysis.stability import largest_step, number_of_parts, parts
 from artibot_sim.model.effects import records
 from artibot_sim.model.equations.transmission import Mode
 from artibot_sim.model.kernels.layout import Grid, KernelInputs, RowTables, RunState
@@ -114,9 +114,11 @@ def run(
 
     modules, (dt, steps, every, knot_steps) = len(p.modules), grid
     modes, factors = tuple(Mode(int(mode)) for mode in inputs.modes.ravel()), tuple(np.atleast_1d(inputs.share))
-    cut = max(1, math.ceil(dt / largest_step(p, integrator, modes, factors)[0] - 1e-9))
     if integrator == "semi_implicit":
         cut = parts(p, dt, factors)
+    else:
+        longest, motion = largest_step(p, integrator, modes, factors)
+        cut = number_of_parts(dt, 1.0 / longest, motion)
     rows = -(-steps // every) + 1
     tables = Tables(
         np.empty((rows, 8 * modules)), np.empty((rows, 8 * modules)), np.empty((rows, len(KEPT) * modules)),
