@@ -237,21 +237,31 @@ def test_stiff_ground_is_as_exact_as_soft_one(request, name, stiffer):
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_stiff_ground_under_random_rovers(agriq, seed):
-    """Masses, spacings, soils and shares at random."""
-    rng = np.random.default_rng(seed)
+@pytest.mark.parametrize("name", ["agriq", "epiq"])
+def test_stiff_ground_under_random_rovers(request, name, seed):
+    """Masses, spacings, soils and shares at random: within 5 mm, or within what half a percent of friction does.
+
+    Where a wheel is about to break away (eq. 16) the path hangs by anything: Epi.q's more often than Agri.q's.
+    """
+    plain, rng = request.getfixturevalue(name), np.random.default_rng(seed)
 
     def factor(most):
         return float(most ** rng.uniform(-1.0, 1.0))
 
     stiffer = 10.0 ** rng.uniform(-1.0, 2.0)
-    changes = {f"contact.{k}": stiffer * factor(1.4) * getattr(agriq.contact, k) for k in ("k_l", "k_t")}
-    changes |= {f"{m}.m": factor(2.0) * getattr(agriq, m).m for m in ("front", "back")}
-    changes |= {"front.i_x": factor(1.4) * agriq.front.i_x, "front.i_y": factor(1.4) * agriq.front.i_y}
-    robot = agriq.replace(changes)
+    changes = {f"contact.{k}": stiffer * factor(1.4) * getattr(plain.contact, k) for k in ("k_l", "k_t")}
+    changes |= {f"{m}.m": factor(2.0) * getattr(plain, m).m for m in ("front", "back")}
+    changes |= {"front.i_x": factor(1.4) * plain.front.i_x, "front.i_y": factor(1.4) * plain.front.i_y}
+    robot = plain.replace(changes)
     kappa = float(rng.uniform(0.5, 1.0))
-    found, true = (table_6(robot, "agriq", 5e-3, cut, kappa=kappa) for cut in (1, 8 * parts(params(robot), 5e-3)))
-    assert np.abs(found - true).max() < 5e-3
+    finer = 8 * parts(params(robot), 5e-3)
+    found, true = (table_6(robot, name, 5e-3, cut, kappa=kappa) for cut in (1, finer))
+    error = np.abs(found - true).max()
+    if error > 5e-3:
+        assert name == "epiq"
+        friction = ("contact.mu_s", "contact.mu_d")
+        firmer = robot.with_vector(friction, 1.005 * robot.as_vector(friction))
+        assert error < np.abs(table_6(firmer, name, 5e-3, finer, kappa=kappa) - true).max()
 
 
 @pytest.mark.parametrize("kappa", [0.2, 0.1, 0.05, 0.01])
