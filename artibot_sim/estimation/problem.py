@@ -157,7 +157,6 @@ class Draw(IntEnum):
     """What random numbers are drawn for."""
 
     FIRST_GUESSES = 0
-    PARAMETERS = 1
     STARTS = 2
     BOOTSTRAP = 3
     ENCODER_NOISE = 4

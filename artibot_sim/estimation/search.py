@@ -18,7 +18,7 @@ from artibot_sim.estimation.loss import Loss, spread, thinning
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.parameters import MU_S, STIFFNESS
 from artibot_sim.estimation.problem import Draw, Problem
-from artibot_sim.estimation.solver import Point, Reduced, align, best_of, evaluate, polished, reassessed, step
+from artibot_sim.estimation.solver import Point, Reduced, best_of, evaluate, polished, reassessed, step
 from artibot_sim.estimation.windows import CHANNEL_NAMES, for_starts, turned
 
 Array = NDArray[np.float64]
@@ -46,9 +46,6 @@ _START_SPREAD = np.array([0.1, 0.1, 0.3, 0.7, 0.7, 0.7, 0.3, 1.0])
 _DRAWN = np.array([0.1, 0.1, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0])
 """Sizes of random changes around a measured start, in its prior deviations: places and headings are aligned to the
 window's path anyway."""
-_PERTURBATIONS = 8
-_FARTHEST = 0.12
-"""Random changes of all parameters: how many at every step, and the largest as a share of the longest step."""
 _COARSE = 4
 """Steps between two coarse scans of mu_s."""
 _TURNS = (-0.06, -0.03, -0.015, 0.015, 0.03, 0.06)
@@ -294,7 +291,6 @@ def converge(problem: Problem, point: Point, loss: Loss, steps: int) -> Fit:
         before = point.cost
         point = scan(problem, loss, point, SCAN if k % _COARSE == 0 else FINE)
         point = restarted_windows(problem, loss, point, k) if k % _COARSE == 1 else point
-        point = perturbed(problem, loss, point, reduced, free, k) if reduced is not None else point
         point, reduced, damping = step(problem, loss, point, free, damping)
         if loss.inflation > 1.0:
             loss = replace(loss, inflation=max(1.0, loss.inflation / 1.5))
@@ -306,33 +302,6 @@ def converge(problem: Problem, point: Point, loss: Loss, steps: int) -> Fit:
             break
     assert reduced is not None
     return Fit(point, loss, reduced, free, converged)
-
-
-def perturbed(
-    problem: Problem, loss: Loss, point: Point, reduced: Reduced, free: Sequence[int], number: int = 0
-) -> Point:
-    """The best of random changes of all parameters, as far as the data leave them open and a few times further.
-
-    Steps end where the jagged loss holds them. The ridge that they would have to follow is where the normal
-    equations are flattest: all forces by one factor, say, and rolling resistance by its inverse.
-    """
-    information = problem.parameters.prior_information[np.ix_(free, free)]
-    values, vectors = np.linalg.eigh(reduced.matrix + information) if len(free) else (np.empty(0), np.empty((0, 0)))
-    rng = problem.generator(Draw.PARAMETERS, number)
-    i = problem.parameters.index(MU_S)
-    candidates = []
-    for k in range(_PERTURBATIONS):
-        size = (1.5, 5.0, 15.0)[k % 3]
-        coordinates = point.coordinates.copy()
-        move = vectors @ (size * rng.standard_normal(len(values)) / np.sqrt(values))
-        farthest = _FARTHEST * problem.parameters.longest[list(free)]
-        coordinates[list(free)] += np.clip(move, -farthest, farthest)
-        if i is not None:
-            coordinates[i] += 1e-3 * size * rng.standard_normal()
-        candidates.append(problem.parameters.inside(coordinates))
-    best = min(evaluate(problem, loss, candidates, point.starts), key=lambda p: p.cost)
-    best = align(problem, loss, best)
-    return best if best.cost < point.cost else point
 
 
 def scan(problem: Problem, loss: Loss, point: Point, changes: Array) -> Point:

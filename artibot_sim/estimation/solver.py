@@ -221,12 +221,6 @@ def polished(problem: Problem, loss: Loss, point: Point, starts: Array, steps: i
     return merged_points(problem, [point, other])
 
 
-def align(problem: Problem, loss: Loss, point: Point) -> Point:
-    """Every window's start moved and turned as its path wants it; simulated again where the ground is not uniform."""
-    moved = _guessed(problem, loss, [point])[0]
-    return moved if problem.parameters.uniform else evaluate(problem, loss, [point.coordinates], moved.starts)[0]
-
-
 def _guessed(problem: Problem, loss: Loss, points: Sequence[Point]) -> list[Point]:
     """Points with starts moved over the ground, without a simulation: where the ground is not uniform a guess."""
     flat = np.array([point.residuals.flat for point in points])

@@ -315,13 +315,12 @@ def best_fit(problem: Problem, effort: Effort, tick: Tick, trust: Trust | None =
         loss = trust.loss(thinned(part, some))
         point = evaluate(part, loss, [some.point.coordinates], some.point.starts)[0]
         some = replace(converge(part, point, loss, 3), report=some.report, others=some.others)
-    anew = continued(part, loss, some.point.coordinates, effort)  # under another loss another soil may be the best
-    if anew.point.cost < some.point.cost:
-        some = replace(anew, report=some.report, others=some.others)
     if poor:
         some = _profiled(part, some, _PATIENCE)
     tick()
-    found = _of_all_windows(problem, loss, some.point)
+    # under another loss, and of all windows, another soil may be the best
+    anew = continued(problem, loss, some.point.coordinates, effort)
+    found = min(_of_all_windows(problem, loss, some.point), anew, key=lambda fit: fit.point.cost)
     for _ in range(_PATIENCE):
         if found.converged:
             break
