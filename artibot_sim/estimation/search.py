@@ -292,10 +292,6 @@ def converge(problem: Problem, point: Point, loss: Loss, steps: int) -> Fit:
         point = scan(problem, loss, point, SCAN if k % _COARSE == 0 else FINE)
         point = restarted_windows(problem, loss, point, k) if k % _COARSE == 1 else point
         point, reduced, damping = step(problem, loss, point, free, damping)
-        if loss.inflation > 1.0:
-            loss = replace(loss, inflation=max(1.0, loss.inflation / 1.5))
-            point = reassessed(problem, loss, point)
-            continue
         quiet = quiet + 1 if before - point.cost < _SMALL * max(len(free), 1) else 0
         converged = quiet >= 2
         if converged:
