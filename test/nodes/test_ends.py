@@ -69,6 +69,21 @@ def test_no_thread_of_the_middleware_is_left(start_node: NodeStarter, tmp_path: 
     assert not {name for name in said(node.output, "held") if name.split(".")[-1] in HANDLES}
 
 
+def test_nor_a_thread_of_its_own_after_a_profile_was_followed(start_node: NodeStarter) -> None:
+    """A driver reads profiles beside its loop; it ends by a signal while it follows one."""
+    with loopback_bus() as channel:
+        start_node("drives", "--bench", "--channel", channel)
+        command = [sys.executable, "-c", LISTED, "driver", "--channel", channel, "--enable"]
+        node = start_node.run(command, name="driver")
+        node.wait_for("[driver]: enabled", 60.0)
+        start_node("planner", "short")
+        node.wait_for("profile accepted", 60.0)
+        assert node.stop(20.0) == 0
+    assert said(node.output, "python") == {"MainThread"}
+    assert not threads_of_the_middleware(node.output)
+    assert not {name for name in said(node.output, "held") if name.split(".")[-1] in HANDLES}
+
+
 @pytest.mark.parametrize("word", REFUSED)
 def test_a_node_that_refuses_a_parameter_leaves_none_either(start_node: NodeStarter, word: str) -> None:
     node = start_node.run([sys.executable, "-c", LISTED, word, *REFUSED[word]], name=word)
