@@ -29,6 +29,16 @@ print("left:", *{path.read_text().strip() for path in Path("/proc/self/task").gl
 sys.exit(status)
 """
 """Does what `artibot` does, and says which objects of rclpy and which threads are left."""
+COUNTED = """
+import os
+from artibot_sim.nodes.common.process import ros_process
+
+with ros_process("counted", ()):
+    meanwhile = len(os.listdir("/proc/self/task"))
+print(meanwhile - len(os.listdir("/proc/self/task")))
+"""
+"""Initialises rclpy, ends it, and says how many of its threads ended with it."""
+
 HANDLES = {
     "Node", "LifecycleNode", "SingleThreadedExecutor", "Context", "Publisher", "Subscription", "Service", "Client",
     "Timer", "GuardCondition",
@@ -82,6 +92,13 @@ def test_nor_a_thread_of_its_own_after_a_profile_was_followed(start_node: NodeSt
     assert said(node.output, "python") == {"MainThread"}
     assert not threads_of_the_middleware(node.output)
     assert not {name for name in said(node.output, "held") if name.split(".")[-1] in HANDLES}
+
+
+def test_the_thread_in_which_rclpy_waits_for_signals_ends_with_it(start_node: NodeStarter) -> None:
+    """It has one even where it is to handle none, and would leave it to exit handlers."""
+    process = start_node.run([sys.executable, "-c", COUNTED])
+    assert process.wait() == 0
+    assert process.output.split() == ["1"]
 
 
 @pytest.mark.parametrize("word", REFUSED)

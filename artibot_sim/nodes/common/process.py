@@ -156,7 +156,7 @@ def ros_process(name: str, ros_args: Sequence[str]) -> Iterator[list[int]]:
     """
     import rclpy
     from rclpy.exceptions import NameValidationException
-    from rclpy.signals import SignalHandlerOptions
+    from rclpy.signals import SignalHandlerOptions, uninstall_signal_handlers
 
     with asked_to_end() as asked:
         try:
@@ -168,6 +168,7 @@ def ros_process(name: str, ros_args: Sequence[str]) -> Iterator[list[int]]:
             raise ArtibotError(f"--ros-args: {reason}; expected a name such as /rover1/odom") from error
         finally:
             rclpy.try_shutdown()
+            uninstall_signal_handlers()  # it waits for signals in a thread, which exit handlers would end: even with NO
 
 
 def built(kind: Callable[..., Node], *args: object) -> Node:
