@@ -18,7 +18,7 @@ from artibot_sim.diagnose.selection.every_window import EveryWindow
 from artibot_sim.diagnose.selection.evidence import CommandEvidence, Evidence, others, together
 from artibot_sim.diagnose.selection.forward import SearchStage, refusal, stage, thorough
 from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds, settled
-from artibot_sim.diagnose.selection.ridge_search import along_earlier_ridges, at_size
+from artibot_sim.diagnose.selection.ridge_search import at_size
 from artibot_sim.diagnose.sizes import sized
 from artibot_sim.diagnose.timetable import Task, Timetable
 from artibot_sim.estimation.loss import Loss
@@ -330,8 +330,7 @@ class Naming:
         if only_commanded:
             self._stages[-1] = self._weighed(self._found)
             return
-        self._problem, fit = _with_effect(self._problem, self._fit, self._found, best, self._options.seed)
-        self._fit = along_earlier_ridges(self._problem, fit, self._rounds.few, self._rounds.worth)
+        self._problem, self._fit = _with_effect(self._problem, self._fit, self._found, best, self._options.seed)
         self._search_soil()
         further = f"further effects beside {best.effect.replace('_', ' ')}"
         if not self._full() and not self._no_time(further):

@@ -1,4 +1,4 @@
-"""A walk along an effect's ridge: nearer to the truth, and never to a worse place."""
+"""Far other sizes of an effect: nearer to the truth, and never to a worse place."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect
-from artibot_sim.diagnose.selection.ridge_search import along_earlier_ridges, along_ridge, at_size, from_far_sizes
+from artibot_sim.diagnose.selection.ridge_search import at_size, from_far_sizes
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
@@ -41,28 +41,6 @@ def held_at(problem: Problem, coordinates: np.ndarray) -> Fit:
     return Fit(point, LOSS, reduce(problem, LOSS, residuals, sensitivity, point.starts), free, False)
 
 
-@pytest.mark.parametrize("share", [0.55, 1.0, 1.6])
-def test_the_walk_ends_nearer_to_the_truth(problem: Problem, share: float) -> None:
-    beside = with_effect(problem, PAYLOAD)
-    fit = held_at(beside, np.append(np.zeros(5), share * PAYLOAD.coordinates({"mass": MASS, "module": "front"})))
-    found = along_ridge(beside, LOSS, fit)
-    mass = PAYLOAD.values(found.coordinates[-1:])["mass"]
-    assert found.cost <= fit.point.cost
-    assert abs(mass - MASS) <= max(0.6 * abs(share * MASS - MASS), 0.15 * MASS)
-
-
-@pytest.mark.parametrize("share", [0.55, 1.6])
-def test_effects_that_were_found_earlier_walk_beside_the_last_one(problem: Problem, share: float) -> None:
-    beside = with_effect(with_effect(problem, PAYLOAD), Extension("joint_friction"))
-    own = share * PAYLOAD.coordinates({"mass": MASS, "module": "front"})
-    fit = held_at(beside, np.concatenate([np.zeros(5), own, [0.1]]))
-    found = along_earlier_ridges(beside, fit, 2, 12.0)
-    mass = PAYLOAD.values(found.point.coordinates[5:6])["mass"]
-    assert found.point.cost < fit.point.cost
-    assert abs(mass - MASS) <= 0.6 * abs(share * MASS - MASS)
-    assert along_earlier_ridges(beside, fit, 2, np.inf) is fit
-
-
 @pytest.mark.parametrize("share", [0.3, 1.0, 2.5])
 def test_a_leap_reaches_a_size_that_is_far_away(problem: Problem, share: float) -> None:
     beside = with_effect(problem, PAYLOAD)
@@ -73,22 +51,8 @@ def test_a_leap_reaches_a_size_that_is_far_away(problem: Problem, share: float) 
     assert abs(mass - MASS) <= max(0.4 * abs(share * MASS - MASS), 0.15 * MASS)
 
 
-def test_a_size_is_walked_along_by_itself_too() -> None:
-    """One size is right and the other is not: together they would have to get worse first."""
-    offset = Extension("com_offset")
-    truth = {"x": -0.06, "y": -0.04}
-    real = replace(ROBOT, effects={"com_offset": truth})
-    run = synthetic(real, random_manoeuvre(np.random.default_rng(2), 12.0), duration=12.0, kappa=0.8, seed=3)
-    beside = with_effect(problem_of([run], parameter_set(ROBOT), 5.0, 2), offset)
-    begun = offset.coordinates(truth | {"x": -0.024})
-    found = along_ridge(beside, LOSS, held_at(beside, np.append(np.zeros(5), begun)))
-    away = np.abs(found.coordinates[-2:] - offset.coordinates(truth))
-    assert away.max() < 0.7 * 0.6
-
-
-def test_without_an_effect_there_is_no_walk(problem: Problem) -> None:
+def test_without_an_effect_there_is_no_other_size(problem: Problem) -> None:
     fit = held_at(problem, np.zeros(5))
-    assert along_ridge(problem, LOSS, fit) is fit.point
     assert from_far_sizes(problem, LOSS, fit, 2) is fit
 
 
