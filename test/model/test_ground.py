@@ -119,6 +119,8 @@ GOOD = {"schema": "artibot/ground/1", "resolution": {"value": 0.1, "unit": "m"},
         ({"height": "missing.npy"}, "height: missing.npy cannot be read"),
         ({"height": "flat.npy"}, "ground.height: shape"),
         ({"height": "gaps.npy"}, "ground.height: 1 of 25 values are not finite"),
+        ({"height": "far.npy"}, "ground.height: 1e+300 m; expected heights within"),
+        ({"height": "complex.npy"}, "ground.height: not numbers (they are complex)"),
         ({"mu": "gaps.npy"}, "ground.mu"),
         ({"mu": "negative.npy"}, "ground.mu: -1"),
         ({"k": "wide.npy"}, "ground.k: shape (5, 6)"),
@@ -130,6 +132,7 @@ def test_bad_files_are_refused_with_file_and_key(tmp_path, change, says: str) ->
     gaps = np.where(np.eye(5) * np.arange(5) == 4, np.nan, square)
     for name, array in (
         ("h", square), ("flat", np.ones(5)), ("gaps", gaps), ("negative", -square), ("wide", np.ones((5, 6))),
+        ("far", 1e300 * square), ("complex", 1j * square),
     ):  # fmt: skip
         np.save(tmp_path / f"{name}.npy", array)
     document = {key: value for key, value in {**GOOD, **change}.items() if value is not None}
@@ -148,6 +151,7 @@ def test_bad_files_are_refused_with_file_and_key(tmp_path, change, says: str) ->
         ("random:3,rms=a", "rms is 'a'"),
         ("random:3,rms=-1", "rms is -1"),
         ("random:3,size=1e9", "size"),
+        ("random:3,rms=1e300", "ground.height"),
         ("hill.txt", "expected ground"),
         ("nowhere.npy", "no nowhere.yaml beside it"),
         ("nowhere.yaml", "no such ground file"),

@@ -59,6 +59,9 @@ BEYOND, WALL, FACE = 1.0, 2.0, 3.0
 """What `Surface.found` begins with where a wheel left the raster, where one met a step higher than its axle, and where
 one touched a face steeper than `STEEPEST`."""
 
+HIGHEST = 1e5
+"""Height (m) of any ground, up or down: beyond, a rover's own heights are lost in rounding."""
+
 STEEPEST = 5.0
 """Slope (rise over run) of the surface beyond which no wheel rolls, 79 degrees: there the ground has a face."""
 
@@ -111,7 +114,10 @@ class Ground:
 
     def _checked(self, key: str) -> Array:
         try:
-            array = np.array(getattr(self, key), dtype=float)
+            array = np.array(getattr(self, key))
+            if np.iscomplexobj(array):
+                raise TypeError("they are complex")
+            array = array.astype(float)
         except (TypeError, ValueError) as error:
             raise ArtibotError(f"ground.{key}: not numbers ({error}); expected rows of numbers") from error
         if array.ndim != 2 or min(array.shape) < 4:
@@ -121,7 +127,12 @@ class Ground:
                 f"ground.{key}: {np.count_nonzero(~np.isfinite(array))} of {array.size} values are not finite; fill "
                 "the gaps, or cut the raster to where it is known"
             )
-        if key != "height":
+        if key == "height":
+            if np.abs(array).max() > HIGHEST:
+                raise ArtibotError(
+                    f"ground.height: {array.flat[np.abs(array).argmax()]:g} m; expected heights within ±{HIGHEST:g} m"
+                )
+        else:
             if array.shape != np.shape(self.height):
                 raise ArtibotError(f"ground.{key}: shape {array.shape}; expected that of height, {self.height.shape}")
             if array.min() <= 0.0:
