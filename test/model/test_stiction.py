@@ -53,6 +53,31 @@ def test_robots_of_any_number_of_modules_stand(name):
     assert np.abs(result.q - result.q[0]).max() < 1e-4
 
 
+@pytest.mark.parametrize("seed", range(18))
+def test_random_rovers_stand_on_random_slopes(seed):
+    """Whatever they weigh and hold by, bent as they may be: what acts u_w ahead of the wheels does not turn them."""
+    rng = np.random.default_rng(seed)
+    plain = load_robot(("agriq", "epiq", "husky")[seed % 3])
+
+    def factor(most):
+        return float(most ** rng.uniform(-1.0, 1.0))
+
+    mu = float(rng.uniform(0.2, 1.2))
+    changes = {f"contact.{k}": factor(3.0) * getattr(plain.contact, k) for k in ("k_l", "k_t")}
+    changes |= {"front.m": factor(2.0) * plain.front.m, "front.i_x": factor(1.4) * plain.front.i_x}
+    changes |= {"contact.mu_s": mu, "contact.mu_d": mu * float(rng.uniform(0.5, 1.0))}
+    grade = min(0.8, math.atan(float(rng.uniform(0.05, 0.95)) * mu))
+    effects = {"stiction": {"length": 10.0 ** rng.uniform(-3.0, -1.0)}, "payload": {"mass": 0.2 * plain.front.m}}
+    if seed % 2:
+        effects["com_offset"] = {"x": 0.1 * plain.front.i_x, "y": -0.1 * plain.front.i_y}
+    robot = on_slope(plain.replace(changes), grade, float(rng.uniform(-3.0, 3.0)), **effects)
+    bend = float(rng.uniform(-0.8, 0.8)) if plain.articulated else 0.0
+    start = initial_state(robot, yaw=float(rng.uniform(-3.0, 3.0)), articulation_yaw=bend)
+    result = parked(robot, state=start, integrator="semi_implicit", every=100)
+    assert result.status == Status.OK
+    assert np.abs(result.pose - result.pose[0]).max() < 1e-4
+
+
 def test_beyond_its_friction_angle_it_slides(agriq):
     result = parked(on_slope(agriq, math.atan(1.05 * FRICTION), math.pi / 2, stiction={"length": 0.005}), 2.0)
     assert result["y_f"][-1] > 1.0

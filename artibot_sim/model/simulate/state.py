@@ -17,7 +17,7 @@ from artibot_sim.model.reference.dynamics import body_system, constraint_terms
 from artibot_sim.model.reference.effects import PlainEffects
 from artibot_sim.model.reference.train import train_constraint
 from artibot_sim.model.robot.derived import params, train
-from artibot_sim.model.robot.parameters import Params, Train
+from artibot_sim.model.robot.parameters import ModuleParams, Params, Train
 from artibot_sim.model.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -225,15 +225,35 @@ def _bent_at_rest(p: Params, q: Array, fx: PlainEffects) -> Array:
 
     Each wheel takes as much as its load, and what eq. 16 holds at most: below its friction angle a rover stands.
     """
-    wheels, bent = contact(p, q, np.zeros(16), fx), []
-    for i, (F_n, k_l) in enumerate(zip(wheels.F_n, wheels.k_l, strict=True)):
-        body, yaw = (p.front, q[GAMMA]) if i < 4 else (p.back, q[BACK + GAMMA])
-        steepness = min(1.0, body.mu_s * abs(p.g_z) / max(math.hypot(p.g_x, p.g_y), 1e-9))
-        pull = steepness * F_n / abs(p.g_z)
-        along, across = p.g_x * math.cos(yaw) + p.g_y * math.sin(yaw), p.g_y * math.cos(yaw) - p.g_x * math.sin(yaw)
-        k_t = k_l * body.k_t / body.k_l
-        bent.append([-pull * along / (p.bristle * k_l), -pull * across / (p.bristle * k_t)])
-    return np.array(bent).T
+    wheels = contact(p, q, np.zeros(16), fx)
+    bent = [
+        _held_downhill(p, body, q[b + GAMMA], wheels.F_n[i : i + 4]) / (p.bristle * wheels.k_l[i : i + 4])
+        for i, (body, b) in zip(range(0, len(wheels.F_n), 4), ((p.front, 0), (p.back, BACK)), strict=False)
+    ]
+    for body, along_and_across in zip((p.front, p.back), bent, strict=False):
+        along_and_across[1] *= body.k_l / body.k_t
+    return np.hstack(bent)
+
+
+def _held_downhill(p: Params, body: ModuleParams, yaw: float, F_n: Array) -> Array:
+    """Forces along and across a module's wheels (2, 4), N, that hold it on its slope without turning it.
+
+    They act u_w ahead of the wheels (eq. 20), which alone would turn the module. So each is turned a little, by more
+    the further downhill or uphill its wheel is: that hardly adds to any, and leaves their sum as it is.
+    """
+    c, s = math.cos(yaw), math.sin(yaw)
+    downhill = np.array([p.g_x * c + p.g_y * s, p.g_y * c - p.g_x * s])
+    pull = min(1.0, body.mu_s * abs(p.g_z) / max(math.hypot(p.g_x, p.g_y), 1e-9)) * F_n / abs(p.g_z)
+    forces: Array = -downhill[:, None] * pull
+    x, y = body.half_x * np.array([1.0, -1.0, 1.0, -1.0]), body.half_y * np.array([-1.0, -1.0, 1.0, 1.0])
+    below = downhill[0] * x + downhill[1] * y
+    if (pull > 0.0).any():
+        below -= np.average(below, weights=pull)  # a centre of mass that is off the middle lies where loads have theirs
+    spread = float(np.sum(pull * below**2))
+    if spread > 0.0:
+        turn = p.u_w * forces[1].sum() / spread * below
+        forces += turn * np.array([-forces[1], forces[0]])
+    return forces
 
 
 def _train_at_rest(robot: Robot, pose: tuple[float, float, float], bends: Array, t: float) -> State:
