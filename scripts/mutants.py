@@ -56,7 +56,7 @@ MUTANTS = (
     ),
     Mutant(
         "semi-implicit steps are never cut", "artibot_sim/model/analysis/stability.py",
-        "return max(1, math.ceil(dt / need - 1e-9))", "return 1",
+        "return max(1, math.ceil(count - 1e-9))", "return 1",
         ("model/test_stability.py",),
     ),
     Mutant(
