@@ -444,9 +444,9 @@ def _tried(problem: Problem, fit: Fit, which: int, rng: np.random.Generator) -> 
 
 
 def _shares(excess: Array) -> Array:
-    """Weights of discs by how much more they lose than the best (nats), of `_COUNT` at least.
+    """Weights (n,) of discs whose losses exceed the best one's by `excess` (n,); at least `_COUNT` of them count.
 
-    That is, their effective number 1/sum(share²) is as large.
+    Their effective number is 1/sum(share²).
     """
     blunt, enough = _BLUNT, min(_COUNT, 0.5 * len(excess))
     while True:

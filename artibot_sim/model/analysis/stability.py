@@ -69,11 +69,11 @@ LONGEST_SLIP_PART = 0.45
 """Part (s) of a semi-implicit step, times the rate (1/s) at which the fastest slip of a holding module decays, beyond
 which the step is too long: an explicit step is stable up to 2."""
 
-
 MOST_PARTS = 100_000
 """More parts of a step than any ground asks for: at 1 ms they would take ten seconds for each of a drive."""
 
 SHARING = "control.kappa, torque sharing"
+"""Words for the motion that torque sharing makes."""
 
 
 def parts(p: Params | Train, dt: float, share: Shares = 0.0) -> int:
