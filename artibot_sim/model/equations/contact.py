@@ -331,6 +331,102 @@ def by_load(F_l, F_t, held, F_n):
     return share * F_l, share * F_t
 
 
+class Wheel(NamedTuple):
+    """One of a motor's two wheels and the ground under it: its part of `WheelPair` and `PairSoil`, and its radius.
+
+    r is its radius over the paper's; None, at compile time, in the paper's model.
+    """
+
+    p_x: float
+    p_y: float
+    F_n: float
+    N: float
+    mu_s: float
+    mu_d: float
+    stiffness: float | None
+    r: float | None
+
+
+class ViscousForces(NamedTuple):
+    """What eq. 15 gives of a wheel: slip along it (m/s), forces along and across it (N), factor of k_l and k_t.
+
+    With effects: rate is how fast a lagging force builds up (N/s), stiff and renewal are those of `hooks.bristle`.
+    """
+
+    slip: float
+    F_l: float
+    F_t: float
+    s: float
+    rate: float
+    stiff: float
+    renewal: float
+
+
+class WheelForces(NamedTuple):
+    """What one wheel does, see `PairForces`; s is `ViscousForces.s` times what is left of the force along it."""
+
+    F_l: float
+    F_t: float
+    s: float
+    held: float
+    rate: float
+    R_l: float
+    R_t: float
+    wound: float
+    bent: tuple[float, float]
+    more: tuple[float, float]
+
+
+@inlined
+def viscous(fx, soil, wheel, rim, kept, dt):
+    """Eq. 15 for a wheel, and effects in their place; see `wheel_forces`."""
+    F_t = -soil.k_t * wheel.p_y
+    if fx is None:
+        slip, s = rim - wheel.p_x, times(1.0, wheel.stiffness)
+        return ViscousForces(slip, s * (soil.k_l * slip), s * F_t, s, 0.0, 0.0, 0.0)
+    rim = wheel.r * rim
+    slip = rim - wheel.p_x
+    s = times(stiffer(fx, wheel.F_n, soil.load, rim, wheel.p_x, wheel.p_y), wheel.stiffness)
+    F_l, F_t, rate, stiff, renewal = s * (soil.k_l * slip), s * F_t, 0.0, 0.0, 0.0
+    if len(kept) == 4:
+        F_t, rate = relaxed(fx, F_t, wheel.p_x, kept[0], dt)
+        stiff, renewal = hooks.bristle(fx, rim)
+        F_l = held_by(F_l, stiff, s * soil.k_l, kept[2])
+        F_t = held_by(F_t, stiff, s * soil.k_t, kept[3])
+    return ViscousForces(slip, F_l, F_t, s, rate, stiff, renewal)
+
+
+@inlined
+def one_wheel(friction, body, fx, soil, wheel, rim, kept, dt):
+    """Eqs 15 and 16 for one wheel, and effects in their place; see `wheel_forces`."""
+    free = viscous(fx, soil, wheel, rim, kept, dt)
+    wide = narrow = 1.0
+    if fx is not None:
+        wide = hooks.lateral_grip(fx)
+        narrow = 1.0 / wide
+    F_l, F_t, held = friction(
+        body, fx, free.F_l, narrow * free.F_t, wheel.F_n, wheel.N, wheel.mu_s, wheel.mu_d, free.slip, wheel.p_y,
+        wheel.stiffness,
+    )  # fmt: skip
+    s, wound, bent = free.s * held, 0.0, (0.0, 0.0)
+    if fx is None:
+        return WheelForces(F_l, F_t, s, held, 0.0, 0.0, 0.0, wound, bent, bent)
+    holds = wheel.mu_s * wheel.F_n
+    if len(kept) == 4:
+        way = hooks.windup(fx)
+        there, wound = unwound(way, F_l, kept[1]), winding(way, free.slip, kept[1], dt)
+        F_l, s = there * F_l, there * s
+        bent = bending(
+            free.stiff, free.renewal, free.s * soil.k_l, free.s * soil.k_t, held * free.slip, -held * wheel.p_y, narrow,
+            holds, kept[2], kept[3], dt,
+        )  # fmt: skip
+    more_l, more_t = by_load(F_l, wide * F_t, held, wheel.F_n)
+    R_l, R_t = hooks.wheel_resist(fx, holds, wheel.p_x, wheel.p_y)
+    load = max(wheel.F_n, LIGHT)
+    F_t = wide * F_t + hooks.lateral(fx, wheel.p_y)
+    return WheelForces(F_l, F_t, s, held, free.rate, R_l, R_t, wound, bent, (more_l + R_l / load, more_t + R_t / load))
+
+
 @inlined
 def wheel_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept_b, dt):
     """Eqs 15 and 16 for the two wheels of a motor, and effects in their place; `pair_forces` without laws.
@@ -354,73 +450,21 @@ def wheel_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept
     -------
     PairForces
     """
-    F_tf, F_tb = -soil.k_t * pair.p_yf, -soil.k_t * pair.p_yb
+    r_f = r_b = None
     if fx is not None:
         r_f, r_b = hooks.radius(fx, 2 * motor, angle), hooks.radius(fx, 2 * motor + 1, angle)
-        slip_f, slip_b = r_f * rim - pair.p_xf, r_b * rim - pair.p_xb
-        s_f = times(stiffer(fx, pair.F_nf, soil.load, r_f * rim, pair.p_xf, pair.p_yf), soil.stiffness_f)
-        s_b = times(stiffer(fx, pair.F_nb, soil.load, r_b * rim, pair.p_xb, pair.p_yb), soil.stiffness_b)
-        F_lf, F_lb = s_f * (soil.k_l * slip_f), s_b * (soil.k_l * slip_b)
-        F_tf, F_tb, wide = s_f * F_tf, s_b * F_tb, hooks.lateral_grip(fx)
-        narrow, rate_f, rate_b = 1.0 / wide, 0.0, 0.0
-        if len(kept_f) == 4:
-            F_tf, rate_f = relaxed(fx, F_tf, pair.p_xf, kept_f[0], dt)
-            F_tb, rate_b = relaxed(fx, F_tb, pair.p_xb, kept_b[0], dt)
-            stiff_f, renewal_f = hooks.bristle(fx, r_f * rim)
-            stiff_b, renewal_b = hooks.bristle(fx, r_b * rim)
-            k_lf, k_tf, k_lb, k_tb = s_f * soil.k_l, s_f * soil.k_t, s_b * soil.k_l, s_b * soil.k_t
-            F_lf, F_lb = held_by(F_lf, stiff_f, k_lf, kept_f[2]), held_by(F_lb, stiff_b, k_lb, kept_b[2])
-            F_tf, F_tb = held_by(F_tf, stiff_f, k_tf, kept_f[3]), held_by(F_tb, stiff_b, k_tb, kept_b[3])
-    else:
-        r_f = r_b = wide = narrow = 1.0
-        s_f, s_b = times(1.0, soil.stiffness_f), times(1.0, soil.stiffness_b)
-        rate_f = rate_b = 0.0
-        slip_f, slip_b = rim - pair.p_xf, rim - pair.p_xb
-        F_lf, F_lb = s_f * (soil.k_l * slip_f), s_b * (soil.k_l * slip_b)
-        F_tf, F_tb = s_f * F_tf, s_b * F_tb
-    F_lf, F_tf, held_f = friction(
-        body, fx, F_lf, narrow * F_tf, pair.F_nf, pair.N_f, soil.mu_sf, soil.mu_df, slip_f, pair.p_yf,
-        soil.stiffness_f,
-    )  # fmt: skip
-    F_lb, F_tb, held_b = friction(
-        body, fx, F_lb, narrow * F_tb, pair.F_nb, pair.N_b, soil.mu_sb, soil.mu_db, slip_b, pair.p_yb,
-        soil.stiffness_b,
-    )  # fmt: skip
-    more_f = more_b = bent_f = bent_b = 0.0, 0.0
-    wound_f = wound_b = 0.0
-    slope_f, slope_b = s_f * held_f, s_b * held_b
+    front = Wheel(pair.p_xf, pair.p_yf, pair.F_nf, pair.N_f, soil.mu_sf, soil.mu_df, soil.stiffness_f, r_f)
+    back = Wheel(pair.p_xb, pair.p_yb, pair.F_nb, pair.N_b, soil.mu_sb, soil.mu_db, soil.stiffness_b, r_b)
+    f = one_wheel(friction, body, fx, soil, front, rim, kept_f, dt)
+    b = one_wheel(friction, body, fx, soil, back, rim, kept_b, dt)
+    F_l = f.F_l + b.F_l
+    at_rim, slope = F_l, soil.k_l * (f.s + b.s)
     if fx is not None:
-        if len(kept_f) == 4:
-            way = hooks.windup(fx)
-            there_f, there_b = unwound(way, F_lf, kept_f[1]), unwound(way, F_lb, kept_b[1])
-            F_lf, F_lb, slope_f, slope_b = there_f * F_lf, there_b * F_lb, there_f * slope_f, there_b * slope_b
-            wound_f, wound_b = winding(way, slip_f, kept_f[1], dt), winding(way, slip_b, kept_b[1], dt)
-        more_f = by_load(F_lf, wide * F_tf, held_f, pair.F_nf)
-        more_b = by_load(F_lb, wide * F_tb, held_b, pair.F_nb)
-    F_l = F_lf + F_lb
-    at_rim, slope = F_l, soil.k_l * (slope_f + slope_b)
-    R_lf = R_lb = R_tf = R_tb = 0.0
-    if fx is not None:
-        if len(kept_f) == 4:
-            bent_f = bending(
-                stiff_f, renewal_f, k_lf, k_tf, held_f * slip_f, -held_f * pair.p_yf, narrow, soil.mu_sf * pair.F_nf,
-                kept_f[2], kept_f[3], dt,
-            )  # fmt: skip
-            bent_b = bending(
-                stiff_b, renewal_b, k_lb, k_tb, held_b * slip_b, -held_b * pair.p_yb, narrow, soil.mu_sb * pair.F_nb,
-                kept_b[2], kept_b[3], dt,
-            )  # fmt: skip
-        R_lf, R_tf = hooks.wheel_resist(fx, soil.mu_sf * pair.F_nf, pair.p_xf, pair.p_yf)
-        R_lb, R_tb = hooks.wheel_resist(fx, soil.mu_sb * pair.F_nb, pair.p_xb, pair.p_yb)
-        more_f = more_f[0] + R_lf / max(pair.F_nf, LIGHT), more_f[1] + R_tf / max(pair.F_nf, LIGHT)
-        more_b = more_b[0] + R_lb / max(pair.F_nb, LIGHT), more_b[1] + R_tb / max(pair.F_nb, LIGHT)
-        at_rim, slope = r_f * F_lf + r_b * F_lb, soil.k_l * (r_f * r_f * slope_f + r_b * r_b * slope_b)
-        F_tf = wide * F_tf + hooks.lateral(fx, pair.p_yf)
-        F_tb = wide * F_tb + hooks.lateral(fx, pair.p_yb)
+        at_rim, slope = r_f * f.F_l + r_b * b.F_l, soil.k_l * (r_f * r_f * f.s + r_b * r_b * b.s)
     u_F_n = soil.u_f * pair.F_nf + soil.u_b * pair.F_nb
     return PairForces(
-        F_l, at_rim, slope, u_F_n, F_tf, F_tb, soil.u_f, soil.u_b, rate_f, rate_b, F_lf, F_lb, held_f, held_b,
-        R_lf + R_lb, R_tf, R_tb, wound_f, wound_b, bent_f, bent_b, pair.F_nf, pair.F_nb, more_f, more_b,
+        F_l, at_rim, slope, u_F_n, f.F_t, b.F_t, soil.u_f, soil.u_b, f.rate, b.rate, f.F_l, b.F_l, f.held, b.held,
+        f.R_l + b.R_l, f.R_t, b.R_t, f.wound, b.wound, f.bent, b.bent, pair.F_nf, pair.F_nb, f.more, b.more,
     )  # fmt: skip
 
 
