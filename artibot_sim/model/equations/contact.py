@@ -13,7 +13,7 @@ from artibot_sim.model.effects import hooks
 from artibot_sim.model.effects.force_law import LocalMotion
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.elementary import inverse_root
-from artibot_sim.model.kernels.layout import Q_C
+from artibot_sim.model.kernels.layout import ALPHA, GAMMA, Q_C, X, Y, Z
 
 
 class WheelPair(NamedTuple):
@@ -123,17 +123,21 @@ def normal_force(body, p, fx, module, end, side, v_z, alpha_dot, s_a, c_a, z):
 
 
 @inlined
-def wheel_pairs(body, p, fx, v_x, v_y, v_z, alpha_dot, gamma_dot, s_a, c_a, z, module):
+def wheel_pairs(body, p, fx, q, v, b, trig, module):
     """What a module's wheels meet: velocities of their centres (eq. 19) and normal forces (eq. 15).
 
-    The module's velocity is given in its yaw frame. Pitch does not reach the wheels (section 4.3), so p_x and
-    (for a mass in the middle) F_n are the same for both wheels of a side, and p_y for both of an axle.
+    The module's coordinates begin at `b` in q and v; `trig` are sine and cosine of its roll and of its yaw. Pitch does
+    not reach the wheels (section 4.3), so p_x and (for a mass in the middle) F_n are the same for both wheels of a
+    side, and p_y for both of an axle.
 
     Returns
     -------
     tuple of 2 WheelPair
         Right and left.
     """
+    s_a, c_a, s_g, c_g = trig
+    v_x, v_y = c_g * v[b + X] + s_g * v[b + Y], c_g * v[b + Y] - s_g * v[b + X]
+    z, v_z, alpha_dot, gamma_dot = q[b + Z], v[b + Z], v[b + ALPHA], v[b + GAMMA]
     turn, sweep, slide = gamma_dot * body.half_y * c_a, gamma_dot * body.half_x * c_a, c_a * v_y + s_a * v_z
     front, back = slide + sweep, slide - sweep
     on_right, on_left = v_x + turn, v_x - turn
@@ -572,21 +576,25 @@ def load_transfer(forces, body, fx, pitching, pairs, soils, motor, rims, angles,
 
 
 @inlined
-def generalised_forces(body, p, fx, s_a, c_a, s_g, c_g, right, left, pair_r, pair_l, module, w):
+def generalised_forces(body, p, fx, trig, right, left, pairs, module, w):
     """Eqs 17, 18: the wheels' forces on one module's x, y, z, alpha, beta, gamma, also into the row.
 
     They act u_w ahead of the wheel centres (eq. 20).
 
     Parameters
     ----------
+    trig : tuple of 4 floats
+        Sine and cosine of the module's roll and of its yaw.
     right, left : PairForces
-    pair_r, pair_l : WheelPair
+    pairs : tuple of 2 WheelPair
+        Right and left.
 
     Returns
     -------
     tuple of 5 floats
         Without that on beta, which is zero.
     """
+    (s_a, c_a, s_g, c_g), (pair_r, pair_l) = trig, pairs
     across_f = c_a * (right.F_tf + left.F_tf) - s_a * (pair_r.F_nf + pair_l.F_nf)
     across_b = c_a * (right.F_tb + left.F_tb) - s_a * (pair_r.F_nb + pair_l.F_nb)
     F_n_right, F_n_left = pair_r.F_nf + pair_r.F_nb, pair_l.F_nf + pair_l.F_nb

@@ -14,7 +14,7 @@ from artibot_sim.model.equations.transmission import ROLLING_WIDTH, rolling_sign
 from artibot_sim.model.ground.raster import Ground, Surface, sample
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.elementary import sincos, tanh_alone
-from artibot_sim.model.kernels.integrators import EFFICIENCY, coordinate_of, motor_count, motor_of
+from artibot_sim.model.kernels.integrators import EFFICIENCY, ModuleParts, coordinate_of, motor_count, motor_of
 from artibot_sim.model.kernels.layout import (
     ACC,
     ALPHA,
@@ -276,10 +276,11 @@ def motor_power(fx, unit, motor, speed, acting, hold, weight, e):
 
 
 @inlined
-def module_power(p, fx, body, ground, at, trig, right, left, module, q, v, now, hold, weight, e):
+def module_power(p, fx, module, ground, at, trig, q, v, now, hold, weight, e):
     """Of one module's wheels and motors; q and v are those of its motors and its yaw rate, right and left."""
+    body, right, left, number = module
     pair_r, pair_l, _, _ = module_pairs(body, ground, fx, at, trig[0], trig[1])
-    motor = 2 * module
+    motor = 2 * number
     pair_powers(p, fx, right, pair_r, now.forces[motor], motor, q[0], right.tau * v[0], v[2], weight, e)
     pair_powers(p, fx, left, pair_l, now.forces[motor + 1], motor + 1, q[1], left.tau * v[1], v[2], weight, e)
     motor_power(fx, right, motor, v[0], now.acting[motor], hold, weight, e)
@@ -299,18 +300,18 @@ def level_powers(at, p, fx, motions, trig, q, v, now, hold, weight, e):
     now : plane_step.Instant
     """
     f, b = motions
+    parts = ModuleParts(at.front, p.right_front, p.left_front, FRONT)
     module_power(
-        p, fx, at.front, at.ground, f, trig[:2], p.right_front, p.left_front, FRONT, (q[6], q[7]), (v[6], v[7], v[2]),
-        now, hold, weight, e,
+        p, fx, parts, at.ground, f, trig[:2], (q[6], q[7]), (v[6], v[7], v[2]), now, hold, weight, e,
     )  # fmt: skip
     if fx is not None:
         push_x, push_y, load_x, load_y, turn = now.loads[0]
         e[E_PUSH] += weight * ((push_x + load_x) * v[0] + (push_y + load_y) * v[1] + turn * v[2])
         e[E_ARTICULATION] += weight * (now.joint[4] * (v[5] - v[2]))
     if p.two:
+        parts = ModuleParts(at.back, p.right_back, p.left_back, BEHIND)
         module_power(
-            p, fx, at.back, at.ground, b, trig[2:], p.right_back, p.left_back, BEHIND, (q[8], q[9]), (v[8], v[9], v[5]),
-            now, hold, weight, e,
+            p, fx, parts, at.ground, b, trig[2:], (q[8], q[9]), (v[8], v[9], v[5]), now, hold, weight, e,
         )  # fmt: skip
         l_x, l_y, turn_f, turn_b, _ = now.joint
         if fx is not None:

@@ -11,12 +11,17 @@ commanded angle, speed and acceleration, ``hold`` what stays through the step.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.effects.force_law import motion_in, note_angles, note_module
 from artibot_sim.model.equations import uneven
 from artibot_sim.model.equations.contact import (
+    PairSoil,
+    WheelPair,
     generalised_forces,
     load_transfer,
     pair_forces,
@@ -71,7 +76,6 @@ from artibot_sim.model.kernels.layout import (  # fmt: skip
     THETA_R,
     X,
     Y,
-    Z,
 )
 
 D, D_DOT, D_DDOT = 0, 4, 8
@@ -123,6 +127,33 @@ def hold_efficiencies(p, eta, hold):
             hold[INERTIA + motor], hold[INVERSE + motor] = J, 1.0 / J
 
 
+class MotorCommands(NamedTuple):
+    """What moves the motors at an instant: modes (4,), and `drive` and `hold`, flat arrays as this file describes.
+
+    Of a train they have a row a module.
+    """
+
+    modes: NDArray[np.int64]
+    drive: NDArray[np.float64]
+    hold: NDArray[np.float64]
+
+
+class ModuleParts(NamedTuple):
+    """One of two modules: its body, its motors right and left (as in `Params`), and its number, 0 for the front one."""
+
+    body: Any
+    right: Any
+    left: Any
+    number: int
+
+
+class Footing(NamedTuple):
+    """What the wheels of one motor stand on: what they meet, and the soil under them."""
+
+    pair: WheelPair
+    soil: PairSoil
+
+
 class MotorMotion(NamedTuple):
     """A motor at an instant: its number and mode, rotation, acceleration by which it follows, what the step holds.
 
@@ -153,8 +184,9 @@ class MotorAction(NamedTuple):
 
 
 @inlined
-def turning(p, fx, modes, motor, theta, theta_dot, drive, hold):
+def turning(p, fx, commands, motor, theta, theta_dot):
     """A motor at `theta` (rad) and `theta_dot` (rad/s)."""
+    modes, drive, hold = commands
     wish, error, behind, mode = 0.0, 0.0, 0.0, modes[motor]
     if mode != TORQUE:
         if fx is not None:
@@ -380,35 +412,35 @@ def write_motor(fx, acting, motor, hold, w):
 
 
 @inlined
-def move_side(body, p, fx, unit, modes, motor, q, v, pair, soil, drive, hold, lags, dt, w):
-    """A motor of a module and its wheels, into the row; returns `contact.PairForces`."""
-    i, c = 2 * motor, coordinate_of(motor)
-    at, ahead = turning(p, fx, modes, motor, q[c], v[c], drive, hold), None
+def move_side(body, p, fx, unit, motor, on, q, v, commands, lags, dt, w):
+    """A motor of a module and its wheels, which stand `on` a footing, into the row; returns `contact.PairForces`."""
+    i, c, pair, soil = 2 * motor, coordinate_of(motor), on.pair, on.soil
+    at, ahead = turning(p, fx, commands, motor, q[c], v[c]), None
     kept_f, kept_b = kept_by(lags, 8, i), kept_by(lags, 8, i + 1)
     if dt is not None:
         ahead = step_ahead(body, p, fx, unit, at, pair, soil, kept_f, kept_b, dt)
     forces, acting = motor_with_wheels(body, p, fx, unit, at, pair, soil, kept_f, kept_b, dt, ahead, True)
     write_wheels(pair, forces, motor, w)
-    write_motor(fx, acting, motor, hold, w)
+    write_motor(fx, acting, motor, commands.hold, w)
     if fx is not None:
         write_rates(fx, forces, 8, i, lags, MEMORY)
     return forces
 
 
 @inlined
-def module_forces(body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, module, modes, drive, hold, lags, dt, w):
+def module_forces(p, fx, module, q, v, trig, commands, lags, dt, w):
     """Motors, wheels and ground of one module, into the row; the joint left out.
+
+    `module` are `ModuleParts`, `trig` sine and cosine of its roll and of its yaw.
 
     Returns
     -------
     tuple of 5 floats
         Free accelerations of x, y, z, alpha and gamma.
     """
-    b, motor = BACK * module, 2 * module
-    v_x, v_y = c_g * v[b + X] + s_g * v[b + Y], c_g * v[b + Y] - s_g * v[b + X]
-    pair_r, pair_l = wheel_pairs(
-        body, p, fx, v_x, v_y, v[b + Z], v[b + ALPHA], v[b + GAMMA], s_a, c_a, q[b + Z], module
-    )
+    (body, right, left, number), (_, c_a, s_g, c_g) = module, trig
+    b, motor = BACK * number, 2 * number
+    pair_r, pair_l = wheel_pairs(body, p, fx, q, v, b, trig, number)
     soil_r = soil_under(body, p, fx, pair_r, q[b + X], q[b + Y], s_g, c_g, c_a, -1.0)
     soil_l = soil_under(body, p, fx, pair_l, q[b + X], q[b + Y], s_g, c_g, c_a, 1.0)
     met_r, met_l = pair_r, pair_l
@@ -417,50 +449,50 @@ def module_forces(body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, module, mo
         met_r, met_l = loaded(
             body, p, fx, (right, left), (pair_r, pair_l), (soil_r, soil_l), motor, turned, lags, 8, 2 * motor
         )
-    on_right = move_side(body, p, fx, right, modes, motor, q, v, met_r, soil_r, drive, hold, lags, dt, w)
-    on_left = move_side(body, p, fx, left, modes, motor + 1, q, v, met_l, soil_l, drive, hold, lags, dt, w)
-    forces = generalised_forces(body, p, fx, s_a, c_a, s_g, c_g, on_right, on_left, pair_r, pair_l, module, w)
-    loads = 0.0, 0.0, 0.0, 0.0, 0.0
-    if fx is not None:
-        loads = module_loads(body, fx, module, v_x, on_right, on_left, s_g, c_g, c_a)
-        write_loads(loads, module, w)
-    return free_acceleration(body, p, fx, s_g, c_g, forces, loads, module)
+    on_right = move_side(body, p, fx, right, motor, Footing(met_r, soil_r), q, v, commands, lags, dt, w)
+    on_left = move_side(body, p, fx, left, motor + 1, Footing(met_l, soil_l), q, v, commands, lags, dt, w)
+    forces = generalised_forces(body, p, fx, trig, on_right, on_left, (pair_r, pair_l), number, w)
+    return module_free(p, fx, module, v, trig, on_right, on_left, forces, w)
 
 
 @inlined
-def module_on_uneven(body, right, left, q, v, p, fx, ground, trig, module, modes, drive, hold, lags, dt, w):
-    """As `module_forces` on uneven `ground`; `trig` are sines and cosines of roll and yaw.
+def module_on_uneven(p, fx, ground, module, q, v, trig, commands, lags, dt, w):
+    """As `module_forces` on uneven `ground`.
 
     Returns
     -------
     tuple of 6 floats
         Free accelerations of x, y, z, alpha, gamma and beta.
     """
-    s_a, c_a, s_g, c_g = trig
-    b, motor = BACK * module, 2 * module
+    (body, right, left, number), (s_a, c_a, s_g, c_g) = module, trig
+    b, motor = BACK * number, 2 * number
     at = uneven.attitude_of(p, s_a, c_a, q[b + BETA], s_g, c_g)
-    sides = uneven.sides_of(body, p, fx, ground, module, at, q, v, b)
-    on_r, on_l = sides
-    on_right = move_side(body, p, fx, right, modes, motor, q, v, on_r.pair, on_r.soil, drive, hold, lags, dt, w)
-    on_left = move_side(body, p, fx, left, modes, motor + 1, q, v, on_l.pair, on_l.soil, drive, hold, lags, dt, w)
-    forces = uneven.generalised_forces(p, fx, at, sides, on_right, on_left, module, w)
-    loads = 0.0, 0.0, 0.0, 0.0, 0.0
-    if fx is not None:
-        forward = c_g * v[b + X] + s_g * v[b + Y]
-        loads = module_loads(body, fx, module, forward, on_right, on_left, s_g, c_g, c_a)
-        write_loads(loads, module, w)
-    return free_acceleration(body, p, fx, s_g, c_g, forces, loads, module)
+    sides = uneven.sides_of(body, p, fx, ground, number, at, q, v, b)
+    on_right = move_side(body, p, fx, right, motor, sides[0], q, v, commands, lags, dt, w)
+    on_left = move_side(body, p, fx, left, motor + 1, sides[1], q, v, commands, lags, dt, w)
+    forces = uneven.generalised_forces(p, fx, at, sides, on_right, on_left, number, w)
+    return module_free(p, fx, module, v, trig, on_right, on_left, forces, w)
 
 
 @inlined
-def module_alone(body, right, left, q, v, p, fx, ground, trig, module, modes, drive, hold, lags, dt, w):
+def module_free(p, fx, module, v, trig, on_right, on_left, forces, w):
+    """A module's free accelerations under its wheels' generalised `forces` and what effects load it with."""
+    (body, _, _, number), (_, c_a, s_g, c_g) = module, trig
+    loads = 0.0, 0.0, 0.0, 0.0, 0.0
+    if fx is not None:
+        b = BACK * number
+        forward = c_g * v[b + X] + s_g * v[b + Y]
+        loads = module_loads(body, fx, number, forward, on_right, on_left, s_g, c_g, c_a)
+        write_loads(loads, number, w)
+    return free_acceleration(body, p, fx, s_g, c_g, forces, loads, number)
+
+
+@inlined
+def module_alone(p, fx, ground, module, q, v, trig, commands, lags, dt, w):
     """One module on flat ground (`ground` is empty, at compile time) or on uneven one, the joint left out."""
     if len(ground) == 0:
-        s_a, c_a, s_g, c_g = trig
-        return module_forces(
-            body, right, left, q, v, p, fx, s_a, c_a, s_g, c_g, module, modes, drive, hold, lags, dt, w
-        )  # fmt: skip
-    return module_on_uneven(body, right, left, q, v, p, fx, ground, trig, module, modes, drive, hold, lags, dt, w)
+        return module_forces(p, fx, module, q, v, trig, commands, lags, dt, w)
+    return module_on_uneven(p, fx, ground, module, q, v, trig, commands, lags, dt, w)
 
 
 @inlined
@@ -480,7 +512,7 @@ def note_instant(p, fx, q, v, s_f, c_f, s_b, c_b):
 
 
 @inlined
-def accelerations(q, v, p, fx, ground, modes, drive, hold, lags, dt, w):
+def accelerations(q, v, p, fx, ground, commands, lags, dt, w):
     """All of eq. 28 at (q, v): every contribution and the accelerations of all coordinates, into the row.
 
     At an instant (`dt` None), or as a semi-implicit step of `dt` (s) takes them. `ground` is empty, at compile time,
@@ -491,10 +523,8 @@ def accelerations(q, v, p, fx, ground, modes, drive, hold, lags, dt, w):
     sa_f, ca_f, sg_f, cg_f, sa_b, ca_b, sg_b, cg_b = trig
     if fx is not None:
         note_instant(p, fx, q, v, sg_f, cg_f, sg_b, cg_b)
-    front = module_alone(
-        p.front, p.right_front, p.left_front, q, v, p, fx, ground, (sa_f, ca_f, sg_f, cg_f), FRONT, modes, drive, hold,
-        lags, dt, w,
-    )  # fmt: skip
+    parts = ModuleParts(p.front, p.right_front, p.left_front, FRONT)
+    front = module_alone(p, fx, ground, parts, q, v, (sa_f, ca_f, sg_f, cg_f), commands, lags, dt, w)
     if not p.two:
         for i in range(3):
             w[ACC + i] = front[i]
@@ -503,10 +533,8 @@ def accelerations(q, v, p, fx, ground, modes, drive, hold, lags, dt, w):
         if fx is not None:
             back_to_origin(fx, v, sg_f, cg_f, FRONT, w)
         return
-    back = module_alone(
-        p.back, p.right_back, p.left_back, q, v, p, fx, ground, (sa_b, ca_b, sg_b, cg_b), BEHIND, modes, drive, hold,
-        lags, dt, w,
-    )  # fmt: skip
+    parts = ModuleParts(p.back, p.right_back, p.left_back, BEHIND)
+    back = module_alone(p, fx, ground, parts, q, v, (sa_b, ca_b, sg_b, cg_b), commands, lags, dt, w)
     if fx is not None:
         front, back = turned_by_joint(p, fx, v, geometry, front, back, q[BACK + GAMMA] - q[GAMMA], dt, w)
     multiplier = multipliers(v, p, geometry, front, back)

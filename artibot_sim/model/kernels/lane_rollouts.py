@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.model.equations.dynamics import module_gravity
 from artibot_sim.model.kernels.compilation import inlined, kernel
-from artibot_sim.model.kernels.integrators import TRAIL, accelerations, hold_efficiencies
+from artibot_sim.model.kernels.integrators import TRAIL, MotorCommands, accelerations, hold_efficiencies
 from artibot_sim.model.kernels.lane_layout import AT, EFFECT_VALUES, LANES, SIZE, effects_at, line_up_stack
 from artibot_sim.model.kernels.lane_loading import PLACES, load_lane, load_motors
 from artibot_sim.model.kernels.lanes import check, cubics, end_stage, leave_knot, next_knot, sound_rows, stage
@@ -202,7 +202,7 @@ def fill_rows(lot, lane, grid, kept, rows, work, tables, fx=None):
         if fx is not None:
             fx.t = start + grid.dt * step
             wind_all(p, fx, modes, q, drive, hold, behind)
-        accelerations(q, v, p, fx, (), modes, drive, hold, (lag,), None, w)
+        accelerations(q, v, p, fx, (), MotorCommands(modes, drive, hold), (lag,), None, w)
         keep(q, row, tables[0])
         keep(v, row, tables[1])
         keep(w, row, tables[2])

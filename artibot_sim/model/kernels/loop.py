@@ -21,6 +21,7 @@ from artibot_sim.model.kernels.integrators import (
     HELD,
     TORQUE_D,
     D,
+    MotorCommands,
     accelerations,
     begin_loops,
     coordinate_of,
@@ -297,6 +298,7 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
     w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, sum_lag = work
     (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
     begin_loops(hold)
+    commands = MotorCommands(inputs.modes, drive, hold)
     for i in range(16):
         q_s[i], v_s[i] = q[i], v[i]
     module_gravity(p.front, p, FRONT, w)
@@ -312,7 +314,7 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
                 fx.t = start + (dt * step + stage_time(k, dt))
                 if k == 0:
                     wind_all(p, fx, inputs.modes, q, drive, hold, behind)
-            accelerations(q_s, v_s, p, fx, ground, inputs.modes, drive, hold, lags, None, w)
+            accelerations(q_s, v_s, p, fx, ground, commands, lags, None, w)
             if k == 0:
                 stopped = stopped_by(ground, dt * step)
                 if step == steps or step % every == 0 or stopped:
@@ -340,6 +342,7 @@ def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, m
     w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, _ = work
     (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
     begin_loops(hold)
+    commands = MotorCommands(inputs.modes, drive, hold)
     module_gravity(p.front, p, FRONT, w)
     if p.two:
         module_gravity(p.back, p, BEHIND, w)
@@ -353,7 +356,7 @@ def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, m
         if fx is not None:
             fx.t = start + dt * step
             wind_all(p, fx, inputs.modes, q, drive, hold, behind)
-        accelerations(q, v, p, fx, ground, inputs.modes, drive, hold, lags, dt, w)
+        accelerations(q, v, p, fx, ground, commands, lags, dt, w)
         for i in range(16):
             q[i], v[i] = semi_implicit(dt, q[i], v[i], w[ACC + i], Z <= i % 8 <= BETA)
         if step == steps or step % every == 0 or stopped_by(ground, dt * step):

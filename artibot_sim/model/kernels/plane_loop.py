@@ -8,7 +8,7 @@ from __future__ import annotations
 from artibot_sim.model.equations.dynamics import module_gravity
 from artibot_sim.model.kernels.compilation import inlined, kernel
 from artibot_sim.model.kernels.energy import level_powers
-from artibot_sim.model.kernels.integrators import begin_loops, wind_up
+from artibot_sim.model.kernels.integrators import MotorCommands, begin_loops, wind_up
 from artibot_sim.model.kernels.layout import BEHIND, FRONT, MOTOR
 from artibot_sim.model.kernels.loop import (
     DIVERGED,
@@ -153,6 +153,7 @@ def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
     at, here, rate = begin(q, v, p, fx, w)
     (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
     begin_loops(hold)
+    commands = MotorCommands(inputs.modes, drive, hold)
     row = phase = knot = since = 0
     begun, known = here, (0.0, 1.0, 0.0, 1.0)
     for step in range(steps + 1):
@@ -170,9 +171,7 @@ def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
                 fx.t = start + (dt * step + stage_time(k, dt))
                 if k == 0:
                     wind_level(p, fx, inputs.modes, here, drive, hold, behind)
-            a, now = level_accelerations(
-                at, p, fx, q_k, v_k, trig, inputs.modes, drive, hold, lags, None, k == 0 or energies
-            )
+            a, now = level_accelerations(at, p, fx, q_k, v_k, trig, commands, lags, None, k == 0 or energies)
             kept = k == 0 and (since == 0 or step == steps)
             if kept:
                 write_row(at, p.two, fx, motions(q_k, v_k), trig, a, now, hold, w)
@@ -213,6 +212,7 @@ def level_semi(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
     at, here, rate = begin(q, v, p, fx, w)
     (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
     begin_loops(hold)
+    commands = MotorCommands(inputs.modes, drive, hold)
     row = phase = knot = since = 0
     for step in range(steps + 1):
         s = prepare(p, inputs, grid, phase, knot, state, cubic, hold)
@@ -222,7 +222,7 @@ def level_semi(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
         if fx is not None:
             fx.t = start + dt * step
             wind_level(p, fx, inputs.modes, here, drive, hold, behind)
-        a, now = level_accelerations(at, p, fx, here, rate, trig, inputs.modes, drive, hold, lags, dt, True)
+        a, now = level_accelerations(at, p, fx, here, rate, trig, commands, lags, dt, True)
         there, new = after_step(dt, here, rate, a)
         kept = since == 0 or step == steps
         if kept:

@@ -238,9 +238,9 @@ def near(begun, q):
 
 
 @inlined
-def side_ahead(body, p, fx, unit, modes, motor, theta, theta_dot, pair, soil, drive, hold, lags, dt):
+def side_ahead(body, p, fx, unit, motor, theta, theta_dot, pair, soil, commands, lags, dt):
     """A motor (`integrators.Turning`), and over a semi-implicit step what `integrators.step_ahead` gives."""
-    at, i = turning(p, fx, modes, motor, theta, theta_dot, drive, hold), 2 * motor
+    at, i = turning(p, fx, commands, motor, theta, theta_dot), 2 * motor
     if dt is None:
         return at, None
     return at, step_ahead(body, p, fx, unit, at, pair, soil, kept_by(lags, 8, i), kept_by(lags, 8, i + 1), dt)
@@ -275,7 +275,7 @@ def note_level(p, fx, q, f, b, trig):
 
 
 @inlined
-def level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lags, dt, torques):
+def level_accelerations(at, p, fx, q, v, trig, commands, lags, dt, torques):
     """Accelerations of the ten coordinates, and what brings them about: an `Instant`.
 
     At an instant (`dt` None), with the torques of prescribed motors only where `torques` are wanted; or as a
@@ -294,10 +294,10 @@ def level_accelerations(at, p, fx, q, v, trig, modes, drive, hold, lags, dt, tor
         turned, soils = (q[8], q[9], v[8], v[9]), (soil_rb, soil_lb)
         r_b, l_b = loaded(at.back, p, fx, (three, four), (r_b, l_b), soils, MOTOR[2], turned, lags, 8, 2 * MOTOR[2])
     # all motors one step ahead first: they know nothing of each other, and the processor takes them side by side
-    T_0 = side_ahead(at.front, p, fx, one, modes, MOTOR[0], q[6], v[6], r_f, soil_rf, drive, hold, lags, dt)
-    T_1 = side_ahead(at.front, p, fx, two, modes, MOTOR[1], q[7], v[7], l_f, soil_lf, drive, hold, lags, dt)
-    T_2 = side_ahead(at.back, p, fx, three, modes, MOTOR[2], q[8], v[8], r_b, soil_rb, drive, hold, lags, dt)
-    T_3 = side_ahead(at.back, p, fx, four, modes, MOTOR[3], q[9], v[9], l_b, soil_lb, drive, hold, lags, dt)
+    T_0 = side_ahead(at.front, p, fx, one, MOTOR[0], q[6], v[6], r_f, soil_rf, commands, lags, dt)
+    T_1 = side_ahead(at.front, p, fx, two, MOTOR[1], q[7], v[7], l_f, soil_lf, commands, lags, dt)
+    T_2 = side_ahead(at.back, p, fx, three, MOTOR[2], q[8], v[8], r_b, soil_rb, commands, lags, dt)
+    T_3 = side_ahead(at.back, p, fx, four, MOTOR[3], q[9], v[9], l_b, soil_lb, commands, lags, dt)
     F_0, M_0 = side_moves(at.front, p, fx, one, T_0, r_f, soil_rf, lags, dt, torques)
     F_1, M_1 = side_moves(at.front, p, fx, two, T_1, l_f, soil_lf, lags, dt, torques)
     F_2, M_2 = side_moves(at.back, p, fx, three, T_2, r_b, soil_rb, lags, dt, torques)

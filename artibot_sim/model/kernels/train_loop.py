@@ -51,6 +51,8 @@ from artibot_sim.model.kernels.integrators import (
     INVERSE,
     TORQUE_D,
     D,
+    Footing,
+    MotorCommands,
     MotorMotion,
     begin_loops,
     kept_by,
@@ -162,10 +164,13 @@ def workspace(modules: int) -> TrainWork:
 
 
 @inlined
-def side_forces(p, fx, unit, side, i, q, v, modes, pair, soil, drive, hold, lag, lag_rate, dt, w):
-    """A motor of a module (0 for the front one, else 1) and its wheels, into its row; returns `contact.PairForces`."""
-    a, c = 2 * side, THETA_R + side
-    local = turning(p, fx, modes, side, q[c], v[c], drive, hold)
+def side_forces(p, fx, unit, side, i, q, v, on, commands, lags, dt, w):
+    """A motor of a module (0 for the front one, else 1) and its wheels, into its row; returns `contact.PairForces`.
+
+    The wheels stand `on` an `integrators.Footing`; `lags` are what they remember, and its rates.
+    """
+    (pair, soil), (lag, lag_rate), a, c = on, lags, 2 * side, THETA_R + side
+    local = turning(p, fx, commands, side, q[c], v[c])
     motor = MotorMotion(
         2 * i + side, local.mode, local.theta, local.theta_dot, local.wish, local.torque, local.gear, local.J,
         local.inverse_J, local.error, local.behind,
@@ -175,35 +180,36 @@ def side_forces(p, fx, unit, side, i, q, v, modes, pair, soil, drive, hold, lag,
         ahead = step_ahead(p.front, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt)
     forces, acting = motor_with_wheels(p.front, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt, ahead, True)
     write_wheels(pair, forces, side, w)
-    write_motor(fx, acting, side, hold, w)
+    write_motor(fx, acting, side, commands.hold, w)
     if fx is not None:
         write_rates(fx, forces, 4, a, (lag_rate,), 0)
     return forces
 
 
 @inlined
-def module_alone(p, fx, i, q, v, modes, trig, drive, hold, lag, lag_rate, dt, w, free):
+def module_alone(p, fx, i, q, v, angles, commands, lags, dt, w, free):
     """A module without its joints (eqs 15 to 28): contributions into its row, accelerations into `free` (6,).
 
-    For effects it is number `i` of a pair, see `effects.parts`: 0 for the front one, else 1.
+    For effects it is number `i` of a pair, see `effects.parts`: 0 for the front one, else 1. `angles` are sine and
+    cosine of its roll and of its yaw (4,).
     """
-    s_a, c_a, s_g, c_g = trig[0], trig[1], trig[2], trig[3]
-    body = p.front
-    v_x, v_y = c_g * v[X] + s_g * v[Y], c_g * v[Y] - s_g * v[X]
-    pair_r, pair_l = wheel_pairs(body, p, fx, v_x, v_y, v[Z], v[ALPHA], v[GAMMA], s_a, c_a, q[Z], i)
+    trig, body = (angles[0], angles[1], angles[2], angles[3]), p.front
+    _, c_a, s_g, c_g = trig
+    pair_r, pair_l = wheel_pairs(body, p, fx, q, v, FRONT, trig, i)
     soil_r = soil_under(body, p, fx, pair_r, q[X], q[Y], s_g, c_g, c_a, -1.0)
     soil_l = soil_under(body, p, fx, pair_l, q[X], q[Y], s_g, c_g, c_a, 1.0)
     met_r, met_l = pair_r, pair_l
     if fx is not None:
         units, turned = (p.right_front, p.left_front), (q[THETA_R], q[THETA_L], v[THETA_R], v[THETA_L])
         pairs, soils = (pair_r, pair_l), (soil_r, soil_l)
-        met_r, met_l = loaded(body, p, fx, units, pairs, soils, 2 * i, turned, (lag,), 4, 0)
-    right = side_forces(p, fx, p.right_front, FRONT, i, q, v, modes, met_r, soil_r, drive, hold, lag, lag_rate, dt, w)
-    left = side_forces(p, fx, p.left_front, BEHIND, i, q, v, modes, met_l, soil_l, drive, hold, lag, lag_rate, dt, w)
-    forces = generalised_forces(body, p, fx, s_a, c_a, s_g, c_g, right, left, pair_r, pair_l, FRONT, w)
+        met_r, met_l = loaded(body, p, fx, units, pairs, soils, 2 * i, turned, (lags[0],), 4, 0)
+    right = side_forces(p, fx, p.right_front, FRONT, i, q, v, Footing(met_r, soil_r), commands, lags, dt, w)
+    left = side_forces(p, fx, p.left_front, BEHIND, i, q, v, Footing(met_l, soil_l), commands, lags, dt, w)
+    forces = generalised_forces(body, p, fx, trig, right, left, (pair_r, pair_l), FRONT, w)
     loads = 0.0, 0.0, 0.0, 0.0, 0.0
     if fx is not None:
-        loads = module_loads(body, fx, i, v_x, right, left, s_g, c_g, c_a)
+        forward = c_g * v[X] + s_g * v[Y]
+        loads = module_loads(body, fx, i, forward, right, left, s_g, c_g, c_a)
         write_loads(loads, FRONT, w)
     free[X], free[Y], free[Z], free[ALPHA], free[GAMMA] = free_acceleration(body, p, fx, s_g, c_g, forces, loads, i)
     free[BETA] = 0.0
@@ -425,7 +431,7 @@ def set_time(fx, t):
 
 
 @inlined
-def accelerations(q, v, modules, joints_p, fx, modes, drive, hold, lag, lag_rate, dt, w, chain):
+def accelerations(q, v, modules, joints_p, fx, commands, lags, dt, w, chain):
     """All of eq. 28 for every module and joint: contributions and accelerations into the modules' rows.
 
     At an instant (`dt` None), or as a semi-implicit step of `dt` (s) takes them.
@@ -442,8 +448,9 @@ def accelerations(q, v, modules, joints_p, fx, modes, drive, hold, lag, lag_rate
         if fx is not None:
             note_pair(fx, i, modules, q, v, chain.trig)
         module_alone(
-            modules[i], of_one(fx, i), min(i, 1), q[i], v[i], modes[i], chain.trig[i], drive[i], hold[i], lag[i],
-            lag_rate[i], dt, w[i], chain.free[i],
+            modules[i], of_one(fx, i), min(i, 1), q[i], v[i], chain.trig[i],
+            MotorCommands(commands.modes[i], commands.drive[i], commands.hold[i]), (lags[0][i], lags[1][i]), dt, w[i],
+            chain.free[i],
         )  # fmt: skip
     flat_q, flat_v, flat_trig = q.reshape(8 * count), v.reshape(8 * count), chain.trig.reshape(4 * count)
     if fx is not None:
@@ -658,6 +665,7 @@ def train_rk4(state, modules, joints, inputs, grid, work, out, out_e, fx=None, m
     (q, v, eta, previous, behind), (dt, steps, every, knot_steps) = state, grid
     w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, lag_rate, sum_lag, chain = work
     start, count = begin_effects(fx, memory, lag)
+    commands = MotorCommands(inputs.modes, drive, hold)
     for i in range(len(modules)):
         begin_loops(hold[i])
     for i in range(len(modules)):
@@ -677,7 +685,7 @@ def train_rk4(state, modules, joints, inputs, grid, work, out, out_e, fx=None, m
                 set_time(fx, start + (dt * step + stage_time(k, dt)))
                 if k == 0:
                     wind_all(fx, inputs.modes, q, drive, hold, behind)
-            accelerations(q_s, v_s, modules, joints, fx, inputs.modes, drive, hold, lag, lag_rate, None, w, chain)
+            accelerations(q_s, v_s, modules, joints, fx, commands, (lag, lag_rate), None, w, chain)
             if k == 0:
                 if step == steps or step % every == 0:
                     if not sound(q, v):
@@ -703,6 +711,7 @@ def train_semi_implicit(state, modules, joints, inputs, grid, work, out, out_e, 
     (q, v, eta, previous, behind), (dt, steps, every, knot_steps) = state, grid
     w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, lag_rate, _, chain = work
     start, count = begin_effects(fx, memory, lag)
+    commands = MotorCommands(inputs.modes, drive, hold)
     for i in range(len(modules)):
         begin_loops(hold[i])
     for i in range(len(modules)):
@@ -723,7 +732,7 @@ def train_semi_implicit(state, modules, joints, inputs, grid, work, out, out_e, 
         if fx is not None:
             set_time(fx, start + dt * step)
             wind_all(fx, inputs.modes, q, drive, hold, behind)
-        accelerations(q, v, modules, joints, fx, inputs.modes, drive, hold, lag, lag_rate, dt, w, chain)
+        accelerations(q, v, modules, joints, fx, commands, (lag, lag_rate), dt, w, chain)
         if step == steps or step % every == 0:
             if not sound(q, v):
                 return DIVERGED, row
