@@ -338,7 +338,7 @@ def by_load(F_l, F_t, held, F_n):
 class Wheel(NamedTuple):
     """One of a motor's two wheels and the ground under it: its part of `WheelPair` and `PairSoil`, and its radius.
 
-    r is its radius over the paper's; None, at compile time, in the paper's model.
+    r is its radius over the paper's.
     """
 
     p_x: float
@@ -348,7 +348,7 @@ class Wheel(NamedTuple):
     mu_s: float
     mu_d: float
     stiffness: float | None
-    r: float | None
+    r: float
 
 
 class ViscousForces(NamedTuple):
@@ -454,7 +454,7 @@ def wheel_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept
     -------
     PairForces
     """
-    r_f = r_b = None
+    r_f = r_b = 1.0
     if fx is not None:
         r_f, r_b = hooks.radius(fx, 2 * motor, angle), hooks.radius(fx, 2 * motor + 1, angle)
     front = Wheel(pair.p_xf, pair.p_yf, pair.F_nf, pair.N_f, soil.mu_sf, soil.mu_df, soil.stiffness_f, r_f)
