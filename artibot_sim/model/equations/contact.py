@@ -401,17 +401,18 @@ def viscous(fx, soil, wheel, rim, kept, dt):
 
 
 @inlined
-def one_wheel(friction, body, fx, soil, wheel, rim, kept, dt):
-    """Eqs 15 and 16 for one wheel, and effects in their place; see `wheel_forces`."""
-    free = viscous(fx, soil, wheel, rim, kept, dt)
-    wide = narrow = 1.0
-    if fx is not None:
-        wide = hooks.lateral_grip(fx)
-        narrow = 1.0 / wide
-    F_l, F_t, held = friction(
+def limited(friction, body, fx, wheel, free, narrow):
+    """Eq. 16 for a wheel: its forces as `friction` leaves them; see `wheel_forces`."""
+    return friction(
         body, fx, free.F_l, narrow * free.F_t, wheel.F_n, wheel.N, wheel.mu_s, wheel.mu_d, free.slip, wheel.p_y,
         wheel.stiffness,
     )  # fmt: skip
+
+
+@inlined
+def after_friction(fx, soil, wheel, free, cut, wide, kept, dt):
+    """What a wheel does, from its forces before (`free`) and after (`cut`) eq. 16, and effects in their place."""
+    F_l, F_t, held = cut
     s, wound, bent = free.s * held, 0.0, (0.0, 0.0)
     if fx is None:
         return WheelForces(F_l, F_t, s, held, 0.0, 0.0, 0.0, wound, bent, bent)
@@ -421,8 +422,8 @@ def one_wheel(friction, body, fx, soil, wheel, rim, kept, dt):
         there, wound = unwound(way, F_l, kept[1]), winding(way, free.slip, kept[1], dt)
         F_l, s = there * F_l, there * s
         bent = bending(
-            free.stiff, free.renewal, free.s * soil.k_l, free.s * soil.k_t, held * free.slip, -held * wheel.p_y, narrow,
-            holds, kept[2], kept[3], dt,
+            free.stiff, free.renewal, free.s * soil.k_l, free.s * soil.k_t, held * free.slip, -held * wheel.p_y,
+            1.0 / wide, holds, kept[2], kept[3], dt,
         )  # fmt: skip
     more_l, more_t = by_load(F_l, wide * F_t, held, wheel.F_n)
     R_l, R_t = hooks.wheel_resist(fx, holds, wheel.p_x, wheel.p_y)
@@ -454,13 +455,19 @@ def wheel_forces(friction, body, fx, pair, soil, motor, rim, angle, kept_f, kept
     -------
     PairForces
     """
-    r_f = r_b = 1.0
+    r_f = r_b = wide = narrow = 1.0
     if fx is not None:
+        wide = hooks.lateral_grip(fx)
+        narrow = 1.0 / wide
         r_f, r_b = hooks.radius(fx, 2 * motor, angle), hooks.radius(fx, 2 * motor + 1, angle)
     front = Wheel(pair.p_xf, pair.p_yf, pair.F_nf, pair.N_f, soil.mu_sf, soil.mu_df, soil.stiffness_f, r_f)
     back = Wheel(pair.p_xb, pair.p_yb, pair.F_nb, pair.N_b, soil.mu_sb, soil.mu_db, soil.stiffness_b, r_b)
-    f = one_wheel(friction, body, fx, soil, front, rim, kept_f, dt)
-    b = one_wheel(friction, body, fx, soil, back, rim, kept_b, dt)
+    # both wheels stage by stage: their roots and quotients wait for each other where one wheel comes after the other
+    free_f, free_b = viscous(fx, soil, front, rim, kept_f, dt), viscous(fx, soil, back, rim, kept_b, dt)
+    cut_f = limited(friction, body, fx, front, free_f, narrow)
+    cut_b = limited(friction, body, fx, back, free_b, narrow)
+    f = after_friction(fx, soil, front, free_f, cut_f, wide, kept_f, dt)
+    b = after_friction(fx, soil, back, free_b, cut_b, wide, kept_b, dt)
     F_l = f.F_l + b.F_l
     at_rim, slope = F_l, soil.k_l * (f.s + b.s)
     if fx is not None:
