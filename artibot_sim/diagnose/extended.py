@@ -46,21 +46,26 @@ def found_parameters(
 def _interval(extension: Extension, own: Array, covariance: Array) -> tuple[dict[str, float], dict[str, float]]:
     """Ends of the 95 % intervals by parameter; those of a size and its direction by their own variances."""
     search, sd = extension.search, np.sqrt(np.diag(covariance))
-    if not search.direction:
-        low, high = extension.bounds
-        ends = [np.clip(own + side * _NORMAL * sd, low, high) for side in (-1.0, 1.0)]
-        first, last = (extension.values(end) for end in ends)
-        names = list(search.sizes)
-        return {n: float(min(first[n], last[n])) for n in names}, {n: float(max(first[n], last[n])) for n in names}
+    names, (low, high) = list(search.sizes), extension.bounds
+    first, last = (extension.values(np.clip(own + side * _NORMAL * sd, low, high)) for side in (-1.0, 1.0))
+    ends = {name: (float(min(first[name], last[name])), float(max(first[name], last[name]))) for name in names}
+    if search.direction:
+        ends |= _of_size_and_direction(extension, own[:2], covariance[:2, :2])
+    return {name: end for name, (end, _) in ends.items()}, {name: end for name, (_, end) in ends.items()}
+
+
+def _of_size_and_direction(extension: Extension, own: Array, covariance: Array) -> dict[str, tuple[float, float]]:
+    """Ends of the intervals of a size and its direction, from its two components and their covariance."""
+    search = extension.search
     size, scale = float(np.hypot(*own)), next(iter(search.sizes.values()))
     along, across = own / size, np.array([-own[1], own[0]]) / size
     wide = _NORMAL * float(np.sqrt(along @ covariance @ along))
     turn = min(np.pi, _NORMAL * float(np.sqrt(across @ covariance @ across)) / size)
     heading, name = float(np.arctan2(own[1], own[0])), next(iter(search.sizes))
-    return (
-        {name: scale * max(0.0, size - wide), search.direction: heading - turn},
-        {name: scale * (size + wide), search.direction: heading + turn},
-    )
+    return {
+        name: (scale * max(0.0, size - wide), scale * (size + wide)),
+        search.direction: (heading - turn, heading + turn),
+    }
 
 
 def robot_of(

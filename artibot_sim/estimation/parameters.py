@@ -79,12 +79,13 @@ class Extension:
     def names(self) -> tuple[str, ...]:
         """Parameters that are fitted; of a size with a direction its components along x and y."""
         names = tuple(self.search.sizes)
-        return tuple(f"{names[0]}_{axis}" for axis in "xy") if self.search.direction else names
+        return (*(f"{names[0]}_{axis}" for axis in "xy"), *names[1:]) if self.search.direction else names
 
     @cached_property
     def _origin(self) -> Array:
         """Values at coordinate 0, shape (sizes,)."""
-        neutral = [float(self.effect.parameters[name].neutral) for name in self.search.sizes]
+        parameters, around = self.effect.parameters, self.search.around
+        neutral = [float(around.get(name, parameters[name].neutral)) for name in self.search.sizes]
         if self.search.logarithmic:
             return np.array([n if math.isfinite(n) and n > 0.0 else self.reference for n in neutral])
         return np.array(neutral)
@@ -93,29 +94,32 @@ class Extension:
     def _scale(self) -> Array:
         return np.array(list(self.search.sizes.values()))
 
+    @cached_property
+    def _logarithmic(self) -> NDArray[np.bool_]:
+        """Whether the coordinate is a logarithm's, shape (sizes,)."""
+        return np.array([self.search.logarithmic or name in self.search.around for name in self.search.sizes])
+
     def values(self, coordinates: Array) -> dict[str, Any]:
         """Parameters of the effect at coordinates (len,); neutral where it is absent."""
-        c = np.asarray(coordinates, float)
+        c, turned = np.asarray(coordinates, float), dict[str, Any]()
         if self.search.direction:
-            size = min(float(self._scale[0] * np.hypot(c[0], c[1])), float(self._limits[1][0]))
-            turned = {self.search.direction: float(np.arctan2(c[1], c[0])) if size else 0.0}
-            return {next(iter(self.search.sizes)): size, **turned, **self.fixed}
-        if self.search.logarithmic:
-            values = self._origin * np.exp(c * self._scale)
-        else:
-            values = self._origin + c * self._scale
+            turned = {self.search.direction: float(np.arctan2(c[1], c[0])) if c[:2].any() else 0.0}
+            c = np.array([np.hypot(c[0], c[1]), *c[2:]])
+        values = self._origin + c * self._scale
+        log = self._logarithmic
+        values[log] = self._origin[log] * np.exp(c[log] * self._scale[log])
         low, high = self._limits
-        return dict(zip(self.search.sizes, values.clip(low, high).tolist(), strict=True)) | dict(self.fixed)
+        return dict(zip(self.search.sizes, values.clip(low, high).tolist(), strict=True)) | turned | dict(self.fixed)
 
     def coordinates(self, values: Mapping[str, Any]) -> Array:
         """Coordinates (len,) at parameters of the effect."""
         known = np.array([float(values[name]) for name in self.search.sizes])
+        own, log = (known - self._origin) / self._scale, self._logarithmic
+        own[log] = np.log(known[log] / self._origin[log]) / self._scale[log]
         if self.search.direction:
             heading = float(values[self.search.direction])
-            return np.asarray(known[0] / self._scale[0] * np.array([np.cos(heading), np.sin(heading)]), float)
-        if self.search.logarithmic:
-            return np.asarray(np.log(known / self._origin) / self._scale, float)
-        return np.asarray((known - self._origin) / self._scale, float)
+            own = np.array([own[0] * np.cos(heading), own[0] * np.sin(heading), *own[1:]])
+        return np.asarray(own, float)
 
     @cached_property
     def _limits(self) -> tuple[Array, Array]:
@@ -127,15 +131,16 @@ class Extension:
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
         """Least and largest coordinates (len,)."""
-        if self.search.direction:
-            return np.full(2, -_FARTHEST), np.full(2, _FARTHEST)
-        ends = np.array(self._limits)
-        if self.search.logarithmic:
-            ends = np.log(np.maximum(ends / self._origin, _SMALLEST)) / self._scale
-        else:
-            ends = (ends - self._origin) / self._scale
+        limits, log = np.array(self._limits), self._logarithmic
+        ends = (limits - self._origin) / self._scale
+        ends[:, log] = np.log(np.maximum(limits[:, log] / self._origin[log], _SMALLEST)) / self._scale[log]
         least = max(self.search.least, -_FARTHEST) if self.one_sided else -_FARTHEST
-        return np.maximum(ends[0], least), np.minimum(ends[1], _FARTHEST)
+        low, high = np.maximum(ends[0], least), np.minimum(ends[1], _FARTHEST)
+        free = np.array([name in self.search.around for name in self.search.sizes])
+        low[free], high[free] = -1.0, 1.0
+        if self.search.direction:  # components may have either sign
+            low, high = (np.array([end, end, *rest]) for end, (_, *rest) in ((-_FARTHEST, low), (_FARTHEST, high)))
+        return low, high
 
     @property
     def one_sided(self) -> bool:

@@ -23,7 +23,7 @@ def _form(law: Values, form: str, u: float) -> float:
         "power": lambda: math.copysign(abs(u) ** law["exponent"], u),
         "periodic": lambda: math.cos(2 * math.pi * (u - round(u)) + law["phase"]),
         "threshold": lambda: math.copysign(max(abs(u) - 1, 0), u),
-        "decaying": lambda: math.exp(-u),
+        "decaying": lambda: math.exp(-abs(u)),
     }[form]()
 
 

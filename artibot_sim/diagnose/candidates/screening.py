@@ -162,11 +162,6 @@ def screen(base: Around, found: Sequence[Hypothesis], tick: Callable[[], None] =
     return side_by_side(partial(_screened, base), found, base.problem.workers, tick)
 
 
-def expected_gain(base: Around, hypothesis: Hypothesis) -> float:
-    """Nats that a hypothesis would gain if all were as linear as it is around the baseline."""
-    return _score(base, with_effect(base.problem, hypothesis.extension), hypothesis).expected_gain
-
-
 def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
     problem = with_effect(base.problem, hypothesis.extension)
     score = _score(base, problem, hypothesis)

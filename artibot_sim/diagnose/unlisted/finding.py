@@ -31,13 +31,13 @@ from artibot_sim.identify.result import spaced
 
 Array = NDArray[np.float64]
 
-_ROUNDS = 2
-_FARTHEST = 0.15
-"""Largest change of a parameter's logarithm from one look to the next."""
+_ROUNDS = 3
+_FARTHEST, _WITH_FORCE = 0.15, 0.25
+"""Largest change of a parameter's logarithm from one look to the next, and with a force."""
 _RIVALS = 12
 """Of the best forces so many are kept."""
 _SHORTLISTED = 200
-"""So many at most has the model to choose from."""
+"""So many at most has the model to choose from: half of them gain most, the others are proven most."""
 _SOIL_LIKE = (
     ("lateral force of each wheel", "own lateral speed", ("linear", "Coulomb-like")),
     ("longitudinal force of each wheel", "own slip", ("linear", "Coulomb-like")),
@@ -64,12 +64,15 @@ class Shortlisted:
         Names, and the same in each.
     span : (float, float)
         Between which values its variable mostly was; of ridges two periods.
+    soil : array, shape (p,)
+        Coordinates that go with it.
     """
 
     candidate: ForceCandidate
     typical: float
     per_recording: tuple[tuple[str, float], ...]
     span: tuple[float, float]
+    soil: Array
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,8 @@ class ForceFinding:
         Names, and the same in each.
     soil : array, shape (p,)
         Coordinates that go with what was found.
+    freed : array, shape (p,)
+        Those that go with forces that may be any.
     spans : tuple of (float, float)
         Between which values the variable of each chosen force mostly was; of ridges two periods.
     shortlist : tuple of Shortlisted
@@ -99,6 +104,7 @@ class ForceFinding:
     typical: float
     per_recording: tuple[tuple[str, float], ...]
     soil: Array
+    freed: Array
     spans: tuple[tuple[float, float], ...] = ()
     shortlist: tuple[Shortlisted, ...] = ()
 
@@ -107,15 +113,16 @@ class ForceFinding:
         first = chosen[0]
         return replace(
             self, chosen=tuple(one.candidate for one in chosen), typical=first.typical,
-            per_recording=first.per_recording, spans=tuple(one.span for one in chosen),
+            per_recording=first.per_recording, soil=first.soil, spans=tuple(one.span for one in chosen),
         )  # fmt: skip
 
 
 def unexplained(problem: Problem, coordinates: Array, rounds: int = _ROUNDS) -> ForceFinding | None:
     """The force that a fit does not explain; None if nothing is left that a force would.
 
-    A force that the fit does not know of has bent the soil to its own ends. So the soil is taken back as far as the
-    force that was found asks for, and the regression is made again; the one whose force explains most says which it is.
+    A force that the fit does not know of has bent the soil to its own ends. Windows of tenths of a second in which
+    forces may scatter say less of the soil, and are not bent. So the regression is made again where they would have it;
+    the one whose force explains most says which it is.
 
     Parameters
     ----------
@@ -128,20 +135,40 @@ def unexplained(problem: Problem, coordinates: Array, rounds: int = _ROUNDS) -> 
     best = now = search_forces(problem, coordinates)
     shortlist = now.shortlist
     for _ in range(rounds - 1):
-        if not now.chosen:
+        if not now.rivals:
             break
-        now = search_forces(problem, now.soil)
+        now = search_forces(problem, now.freed)
         shortlist += now.shortlist
-        if now.chosen and now.chosen[0].worth > best.chosen[0].worth:
+        if now.chosen and (not best.chosen or now.chosen[0].worth > best.chosen[0].worth):
             best = now
     return replace(best, shortlist=_each_once(shortlist)) if best.chosen else None
 
 
 def _each_once(found: Sequence[Shortlisted]) -> tuple[Shortlisted, ...]:
-    """The best of each force in each form, best first, as many as are tried."""
-    ordered = sorted(found, key=lambda one: -one.candidate.worth)
-    named = {(one.candidate.force, one.candidate.form.variable, one.candidate.form.name): one for one in ordered[::-1]}
-    return tuple(sorted(named.values(), key=lambda one: -one.candidate.worth)[:_SHORTLISTED])
+    """The best of each force in each form, as many as are tried; those that gain most come first."""
+    named = dict[tuple[str, ...], Shortlisted]()
+    for one in sorted(found, key=lambda one: one.candidate.net_gain):
+        form = one.candidate.form
+        named[one.candidate.force, form.variable, form.times, form.name] = one
+    promising = {id(one) for one in _most_promising([one.candidate for one in named.values()])}
+    kept = [one for one in named.values() if id(one.candidate) in promising]
+    return tuple(sorted(kept, key=lambda one: -one.candidate.net_gain))
+
+
+def _most_promising(found: Sequence[ForceCandidate]) -> list[ForceCandidate]:
+    """Those that gain most and those that are proven most, as many as are tried, one of those that are just the same.
+
+    The lateral forces at two wheels side by side are the same on a module, if they follow what is the same there.
+    """
+    different = dict[tuple[str, str, str, float], ForceCandidate]()
+    for one in found:
+        if one.net_gain > 0.0:
+            different.setdefault((one.form.variable, one.form.times, one.form.name, round(one.gain, 4)), one)
+    gained, proven = (
+        sorted(different.values(), key=key, reverse=True)[: _SHORTLISTED // 2]
+        for key in (lambda one: one.net_gain, lambda one: one.worth)
+    )
+    return [*{id(one): one for one in (*gained, *proven)}.values()]
 
 
 def unexplained_of(found: ForceFinding) -> Unexplained:
@@ -158,28 +185,21 @@ def search_forces(problem: Problem, coordinates: Array, windows: int = WINDOWS) 
     """What force explains the residuals at `coordinates` (p,), with all that was weighed; so many windows at most."""
     few = short(problem, windows)
     if not len(few):  # too little is measured to tell within tenths of a second which force acts
-        return ForceFinding((), (), 0.0, (), coordinates)
+        return ForceFinding((), (), 0.0, (), coordinates, coordinates)
     equations, of = regression(few, coordinates)
     ranked = weighed(equations, of)
+    shortlist = tuple(_shortlisted(problem, coordinates, one, of, few) for one in _most_promising(ranked))
+    freed = _taken_back(problem, coordinates, equations)
+    found = ForceFinding((), tuple(ranked[:_RIVALS]), 0.0, (), coordinates, freed, shortlist=shortlist)
     first = ranked[0]
     if first.worth < FORCE_NATS:
-        return ForceFinding((), tuple(ranked[:_RIVALS]), 0.0, (), coordinates)
-    beside = equations.with_columns(_columns(equations, of, first.parts, first.form))
-    soil, shortlist = _taken_back(problem, coordinates, beside), _shortlist(ranked, of, *few.recordings)
-    found = ForceFinding((), tuple(ranked[:_RIVALS]), 0.0, (), soil, shortlist=shortlist)
-    return found.instead([_shortlisted(first, of, *few.recordings)])
+        return found
+    return found.instead([_shortlisted(problem, coordinates, first, of, few)])
 
 
-def _shortlist(
-    ranked: Sequence[ForceCandidate], of: Scene, names: Sequence[str], recording: NDArray[np.int64]
-) -> tuple[Shortlisted, ...]:
-    """All that explain anything, as far as that is not too many."""
-    best = sorted((one for one in ranked if one.worth > 0.0), key=lambda one: -one.worth)
-    return tuple(_shortlisted(one, of, names, recording) for one in best[:_SHORTLISTED])
-
-
-def _shortlisted(found: ForceCandidate, of: Scene, names: Sequence[str], recording: NDArray[np.int64]) -> Shortlisted:
-    return Shortlisted(found, *_sizes(of, found, names, recording), _span(of, found))
+def _shortlisted(problem: Problem, coordinates: Array, found: ForceCandidate, of: Scene, few: Problem) -> Shortlisted:
+    soil = problem.parameters.inside(coordinates + np.clip(found.change, -_WITH_FORCE, _WITH_FORCE))
+    return Shortlisted(found, *_sizes(of, found, *few.recordings), _span(of, found), soil)
 
 
 def _span(of: Scene, found: ForceCandidate) -> tuple[float, float]:
@@ -213,7 +233,7 @@ def acting(equations: Equations, of: Scene, candidate: ForceCandidate) -> Array:
 
 
 def _taken_back(problem: Problem, coordinates: Array, equations: Equations) -> Array:
-    """Coordinates as what was found asks for them; not too far at a time."""
+    """Coordinates as short windows ask for them, in which forces scatter; not too far at a time."""
     step = np.clip(solve(*equations.among.whole)[: len(coordinates)], -_FARTHEST, _FARTHEST)
     return problem.parameters.inside(coordinates + step)
 

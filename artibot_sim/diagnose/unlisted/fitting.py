@@ -7,26 +7,26 @@ whole windows, as every listed effect is, and stays only if it lowers the same l
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect, without_effect
-from artibot_sim.diagnose.candidates.screening import Around, around, expected_gain, screen
+from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
 from artibot_sim.diagnose.policy import FORCE_NATS
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.unlisted.finding import ForceFinding, Shortlisted, unexplained
 from artibot_sim.diagnose.unlisted.search import ForceCandidate
 from artibot_sim.diagnose.words import NOTHING
-from artibot_sim.estimation.parallel import check_time
+from artibot_sim.estimation.loss import Loss
+from artibot_sim.estimation.parallel import check_time, side_by_side
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge, restarted_windows
-from artibot_sim.estimation.solver import evaluate
+from artibot_sim.estimation.solver import Point, evaluate
 from artibot_sim.model.effects import LAWS
 from artibot_sim.model.effects.base import Search
 from artibot_sim.model.effects.force_law import PARAMETERS, PLACES, VARIABLES, place_words, variable_words
@@ -37,8 +37,8 @@ Array = NDArray[np.float64]
 _TURNS = {"periodic, once a turn": 1, "periodic, twice a turn": 2}
 _FEW, _MANY = 3, 8
 """Steps of a fit with a law that may not stay, and with all that do."""
-_FORCES, _VARIABLES, _FITTED = 6, 10, 2
-"""So many forces are screened by finite steps, and so many laws of the best one; so many of either are fitted."""
+_STAGES = ((1, 24), (1, 16), (3, 6), (6, 2))
+"""Steps of the fits by which a law is chosen, and of how many of them: the best ones so far."""
 _WINDOWS = 16
 """Windows by which laws are chosen, at most."""
 
@@ -117,12 +117,25 @@ def _cosine_and_sine(coefficients: Array) -> Array:
     return coefficients * np.array([1.0, -1.0])
 
 
-def extension_of(name: str, law: dict[str, Any], size: Array) -> Extension:
-    """The law of this name in a fit: its coordinate is 1 where it is as large as was found."""
-    typical = float(np.hypot(*size)) if len(size) == 2 else abs(float(size[0]))
-    search = Search({"size": typical}, direction="phase" if len(size) == 2 else "")
-    fixed = {key: one.neutral for key, one in PARAMETERS.items() if key not in ("size", search.direction)}
-    return Extension(name, fixed | law, own=search)
+def extension_of(name: str, law: dict[str, Any], size: Array, reach: float = 0.0) -> Extension:
+    """The law of this name in a fit: its size is 1 where it is as large as was found, 0 where it is absent.
+
+    What its last variable is measured by (a period, where a threshold is, how fast it decays) is fitted with it, up to
+    a change of its logarithm by `reach`.
+    """
+    typical, direction = float(np.linalg.norm(size)), "phase" if len(size) == 2 else ""
+    scale = "times_scale" if "times" in law else "scale"
+    around = {scale: float(law[scale])} if reach else {}
+    search = Search({"size": typical} | dict.fromkeys(around, reach), direction=direction, around=around)
+    fixed, own = {key: one.neutral for key, one in PARAMETERS.items()} | law, ("size", direction, *around)
+    return Extension(name, {key: value for key, value in fixed.items() if key not in own}, own=search)
+
+
+def _as_found(size: Array) -> dict[str, float]:
+    """Size and phase of a law from what the regression says: the size, or its cosine and sine."""
+    if len(size) == 2:
+        return {"size": float(np.hypot(*size)), "phase": float(np.arctan2(size[1], size[0]))}
+    return {"size": float(size[0])}
 
 
 def fitted_laws(
@@ -168,77 +181,52 @@ def fitted_laws(
 
 @dataclass(frozen=True)
 class _Law:
-    """A law that was chosen, with the model that has it, fitted to the windows by which it was chosen."""
+    """A law that may be, in the model of the windows by which one is chosen, as far as it is fitted to them."""
 
     found: Shortlisted
     extension: Extension
     problem: Problem
-    fit: Fit
+    point: Point
 
 
 def _best_law(problem: Problem, fit: Fit, name: str, found: ForceFinding, tick: Callable[[], None]) -> _Law | None:
-    """Which of the forces that a finding leaves possible the model asks for most; None if nothing gains by any.
+    """Which of the forces that a finding leaves possible the model asks for most; None if it gains nothing.
 
-    So many windows tell. First where it acts: each force has one try, in what it promises most. A force that the fit
-    does not know of has bent the soil, and with it what the force seems to follow. So that is asked once more of the
-    force that does best, on the soil that goes with it, where more than noise is left.
+    So many windows tell. A force that the fit does not know of has bent the soil, and sensitivities there say little.
+    So each force begins as large as the regression has it, on the soil that goes with it, and all are fitted side by
+    side: the best of them further and further.
     """
     rows = np.unique(np.linspace(0, len(problem) - 1, _WINDOWS).round().astype(int))
-    part = problem.part(rows.tolist())
-    at = evaluate(part, fit.loss, [fit.point.coordinates], fit.point.starts[rows])[0]
-    base, each = around(part, fit.loss, at), dict[str, _Possible]()
-    for one in sorted(_possible(base, name, found), key=lambda one: -one.promised):
-        each.setdefault(one.found.candidate.force, one)
-    first = _tried(base, [*each.values()][:_FORCES], tick)
-    if not first or not leaves_more_than_noise(remains(first[0].problem, first[0].fit.point)):
-        return first[0] if first else None
-    _, on_its_soil = without_effect(first[0].problem, fit.loss, first[0].fit.point)
-    again, base = unexplained(problem, on_its_soil.coordinates, 1), around(part, fit.loss, on_its_soil)
-    where = first[0].found.candidate.force
-    left = [] if again is None else [one for one in _possible(base, name, again) if one.found.candidate.force == where]
-    worth = np.argsort(np.argsort([-one.found.candidate.worth for one in left], kind="stable"))
-    promised = np.argsort(np.argsort([-one.promised for one in left], kind="stable"))
-    best = [left[k] for k in np.argsort(worth + promised, kind="stable")[:_VARIABLES].tolist()]
-    return min([*first, *_tried(base, best, tick)], key=lambda one: one.fit.point.cost)
+    part, starts = problem.part(rows.tolist()), fit.point.starts[rows]
+    left = [law for one in found.shortlist if (law := _begun(part, fit.loss, name, one, starts)) is not None]
+    for steps, most in _STAGES:
+        best = sorted(left, key=lambda law: law.point.cost)[:most]
+        left = side_by_side(partial(_further, fit.loss, steps), best, problem.workers, tick)
+    return min(left, key=lambda law: law.point.cost, default=None)
 
 
-@dataclass(frozen=True)
-class _Possible:
-    """A force that may be, as a law, and nats that it promises by sensitivities of whole windows."""
-
-    found: Shortlisted
-    law: Hypothesis
-    promised: float
-
-
-def _possible(base: Around, name: str, found: ForceFinding) -> list[_Possible]:
-    """All of a finding's shortlist that are terms of the model."""
-    possible = []
-    for one in found.shortlist:
-        check_time()
-        translated = law_of(one.candidate, len(base.problem.parameters.robot.modules))
-        if translated is not None:
-            law = Hypothesis(extension_of(name, *translated))
-            possible.append(_Possible(one, law, expected_gain(base, law)))
-    return possible
+def _begun(part: Problem, loss: Loss, name: str, found: Shortlisted, starts: Array) -> _Law | None:
+    """A force as the regression has it; None if it is no term of the model."""
+    check_time()
+    translated = law_of(found.candidate, len(part.parameters.robot.modules))
+    if translated is None:
+        return None
+    law, size = translated
+    extension = extension_of(name, law, size, found.candidate.form.reach)
+    larger = with_effect(part, extension)
+    own = extension.coordinates(law | _as_found(size))
+    return _Law(found, extension, larger, evaluate(larger, loss, [np.concatenate([found.soil, own])], starts)[0])
 
 
-def _tried(base: Around, possible: Sequence[_Possible], tick: Callable[[], None]) -> list[_Law]:
-    """The best of these by finite steps, as effects are screened, fitted; best first."""
-    trials = screen(base, [one.law for one in possible], tick)
-    fits = list[_Law]()
-    for which in np.argsort([trial.point.cost for trial in trials], kind="stable")[:_FITTED].tolist():
-        check_time()
-        one, larger, point = possible[which], trials[which].problem, trials[which].point
-        fits.append(_Law(one.found, one.law.extension, larger, converge(larger, point, base.loss, _FEW)))
-        tick()
-    return sorted(fits, key=lambda each: each.fit.point.cost)
+def _further(loss: Loss, steps: int, law: _Law) -> _Law:
+    check_time()
+    return replace(law, point=converge(law.problem, law.point, loss, steps).point)
 
 
 def _fitted(problem: Problem, fit: Fit, law: _Law) -> tuple[Problem, Fit]:
     """The model with a law, fitted to all windows from where those went by which it was chosen."""
     larger = with_effect(problem, law.extension)
-    point = evaluate(larger, fit.loss, [law.fit.point.coordinates], fit.point.starts)[0]
+    point = evaluate(larger, fit.loss, [law.point.coordinates], fit.point.starts)[0]
     return larger, converge(larger, restarted_windows(larger, fit.loss, point), fit.loss, _FEW)
 
 

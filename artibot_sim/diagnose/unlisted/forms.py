@@ -34,6 +34,10 @@ _SHARP = 0.08
 """Share of a variable's usual size over which a Coulomb-like force changes its sign."""
 _BEGINS = (0.3, 0.5, 0.7)
 """Shares of a variable's usual size from which a force may begin."""
+_WITHIN = (0.15, 0.5)
+"""Shares of the largest angle within which a drag falls to a third."""
+_FADES_REACH, _BEGINS_REACH = 0.5, 0.4
+"""Largest change of a scale's logarithm once a law is in the model: beyond it is the next one of these."""
 _RATES = ("speed", "own speed", "yaw rate", "articulation rate")
 """Variables whose sign friction and damping follow, and from which on a force may begin. Slip and lateral speeds are
 none of them: wheels let go at some of these, and a fit that is wrong about when looks just so."""
@@ -45,7 +49,7 @@ _SHAPES: Mapping[str, Callable[[Array], Array]] = {
     "magnitude": np.abs,
     "coulomb": np.tanh,
     "threshold": lambda u: np.sign(u) * np.maximum(np.abs(u) - 1.0, 0.0),
-    "decaying": lambda u: np.exp(-u),
+    "decaying": lambda u: np.exp(-np.abs(u)),
 }
 """Forms of the model as functions of a variable over its scale; see `effects.force_law.shape`."""
 
@@ -75,6 +79,9 @@ class Form:
         takes both, shape (windows, k, 2).
     times_scale : float
         What the second variable is divided by first, in its unit.
+    reach : float
+        By how much the logarithm of `times_scale`, where there are two variables, else of `scale` may change once the
+        law is in the model; 0 where it is as it is.
     """
 
     variable: str
@@ -89,6 +96,7 @@ class Form:
     times: str = ""
     times_law: str = ""
     times_scale: float = 1.0
+    reach: float = 0.0
 
 
 def amplitude(coefficients: Array) -> float:
@@ -105,7 +113,7 @@ def rms(coefficients: Array) -> float:
     return float(np.sqrt(np.mean(coefficients**2)))
 
 
-def forms(variable: str, every: Array, recordings: int) -> Iterator[Form]:
+def forms(variable: str, every: Array, recordings: int, sharp: float = 0.0) -> Iterator[Form]:
     """All forms in a variable that takes these values.
 
     Parameters
@@ -114,12 +122,14 @@ def forms(variable: str, every: Array, recordings: int) -> Iterator[Form]:
         Its values, to know its usual size.
     recordings : int
         How many there are.
+    sharp : float
+        Over which a Coulomb-like force of it changes its sign, where that is known.
     """
     usual = float(np.quantile(np.abs(every), 0.9))
     if variable == NOTHING:
         yield Form(variable, "constant", lambda u, r: np.ones((*u.shape, 1)), _first, law="constant")
     elif variable in UNITS and usual > 1e-6:
-        yield from _signed(variable, usual)
+        yield from _signed(variable, usual, sharp or _SHARP * usual)
     elif "wheel angle" in variable or variable == "own angle":
         for count, name in ((1, "once a turn"), (2, "twice a turn")):
             yield Form(variable, f"periodic, {name}", waves(count), amplitude)
@@ -143,41 +153,50 @@ def _in_time(variable: str, longest: float, recordings: int) -> Iterator[Form]:
         period = _PER_PERIOD * longest / count
         name = f"periodic in time with period {period:.3g} s"
         curve = waves(2.0 * np.pi / period)
-        yield Form(variable, name, curve, amplitude, across=recordings > 1, scale=period, law="periodic")
+        # the longest one stays: longer ones would be any trend
+        reach = float(np.log(count / (count - 1.0))) if count > _PER_PERIOD // 2 else 0.0
+        yield Form(variable, name, curve, amplitude, across=recordings > 1, scale=period, law="periodic", reach=reach)
 
 
-def _signed(variable: str, usual: float) -> Iterator[Form]:
+def _signed(variable: str, usual: float, sharp: float) -> Iterator[Form]:
     linear, square = _PER[UNITS[variable]]
     for name, law, scale, per in (
         ("linear", "linear", 1.0, linear), ("quadratic", "quadratic", 1.0, square),
-        ("Coulomb-like", "coulomb", _SHARP * usual, ""), ("linear in its size", "magnitude", 1.0, linear),
+        ("Coulomb-like", "coulomb", sharp, ""), ("linear in its size", "magnitude", 1.0, linear),
     ):  # fmt: skip
         yield Form(variable, name, _of_one(law, scale), _first, per, scale=scale, law=law)
     if variable in _RATES:
         for share in _BEGINS:
             begins = share * usual
             name = f"nothing up to {begins:.2g} {UNITS[variable]}, then linear"
-            yield Form(variable, name, _of_one("threshold", begins), _first, scale=begins, law="threshold")
+            curve = _of_one("threshold", begins)
+            yield Form(variable, name, curve, _first, scale=begins, law="threshold", reach=_BEGINS_REACH)
 
 
-def products(variable: str, every: Array, times: str, second: Array) -> Iterator[Form]:
+def products(variable: str, every: Array, times: str, second: Array, sharp: float = 0.0) -> Iterator[Form]:
     """Forms that follow one variable's sign, as friction and damping do, times a second one's size.
 
     Parameters
     ----------
     every, second : array
         Values of both, to know their usual sizes.
+    sharp : float
+        As in `forms`.
     """
-    if variable not in _RATES or times not in (TIME, *_LEVELS) or _bare(variable) == _bare(times):
+    turned = times.startswith("wheel angle")
+    if variable not in _RATES or not (turned or times in (TIME, *_LEVELS)) or _bare(variable) == _bare(times):
         return
     usual, size = (float(np.quantile(np.abs(one), 0.9)) for one in (every, second))
     if min(usual, size) <= 1e-6:
         return
-    coulomb = "Coulomb-like", "coulomb", _SHARP * usual
+    coulomb = "Coulomb-like", "coulomb", sharp or _SHARP * usual
     if times == TIME:
         yield _product(variable, coulomb, times, ("time since the start", "linear", 1.0), "1/s")
         for fades in _FADES:
             yield _product(variable, coulomb, times, (f"what fades within {fades:g} s", "decaying", fades))
+    elif turned:
+        for fades in (share * size for share in _WITHIN):
+            yield _product(variable, coulomb, times, (f"what fades within {fades:.2g} rad", "decaying", fades))
     else:
         per = _PER[UNITS[times]][0]
         for first, more in ((coulomb, ""), (("linear", "linear", 1.0), _PER[UNITS[variable]][0])):
@@ -193,6 +212,7 @@ def _product(
     return Form(
         variable, f"{name}, times {words}", lambda u, r: one(u[..., 0], r) * other(u[..., 1], r), _first, per,
         scale=scale, law=law, times=times, times_law=times_law, times_scale=times_scale,
+        reach=_FADES_REACH if times_law == "decaying" else 0.0,
     )  # fmt: skip
 
 

@@ -20,6 +20,8 @@ LONGEST = 4.0
 _PIXEL = 0.05
 _PEAKS = 10
 _STEPS = 8
+_REACH = 0.05
+"""Largest change of a period's logarithm once it is in the model."""
 
 
 def ridges(equations: Equations, of: Scene, force: str, parts: Sequence[str]) -> ForceCandidate | None:
@@ -95,4 +97,5 @@ def _form(wave: Array, own: bool) -> Form:
     return Form(
         f"{'each wheel’s own place' if own else 'place'} along {along:.0f}° in map",
         f"periodic in place with period {period:.3g} m", waves(1), amplitude, wave=(float(wave[0]), float(wave[1])),
+        reach=_REACH,
     )  # fmt: skip

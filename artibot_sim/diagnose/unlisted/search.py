@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -170,6 +170,8 @@ class ForceCandidate:
     proven : float
         The same on windows that its coefficients were not fitted to, no single one of which counts for much.
     coefficients : array, shape (b,)
+    change : array, shape (p,)
+        Of the fit's coordinates, that goes with the force.
     """
 
     force: str
@@ -178,6 +180,7 @@ class ForceCandidate:
     gain: float
     proven: float
     coefficients: Array
+    change: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def worth(self) -> float:
@@ -300,7 +303,8 @@ def judge(equations: Equations, sums: NormalEquations, form: Form, force: str, p
     beside, b = equations.among, sums.rhs.shape[1]
     matrix, rhs = _joined(sums.matrix.sum(axis=0), sums.cross.sum(axis=0), sums.rhs.sum(axis=0), *beside.whole)
     x = solve(matrix, rhs)
-    return ForceCandidate(force, tuple(parts), form, 0.5 * (float(rhs @ x) - beside.gain), np.nan, x[:b])
+    change = x[b : b + len(equations.slope)]
+    return ForceCandidate(force, tuple(parts), form, 0.5 * (float(rhs @ x) - beside.gain), np.nan, x[:b], change)
 
 
 def proven(equations: Equations, sums: NormalEquations, across: bool) -> float:
@@ -348,10 +352,12 @@ def _forms(acting: Sequence[ActingForce], names: Sequence[str], recordings: int)
     """All forms of one variable, and of two."""
     along_axis = PLACE in names
     every = {name: np.stack([one.follows[name] for one in acting]) for name in names}
+    sharp, turns = acting[0].sharp, acting[0].turns if len(acting) == 1 else ""
     for name in names if along_axis else [NOTHING, *names]:
-        yield from forms(name, every.get(name, np.zeros(1)), recordings)
+        yield from forms(name, every.get(name, np.zeros(1)), recordings, sharp.get(name, 0.0))
     for name, other in itertools.permutations(() if along_axis else names, 2):
-        yield from products(name, every[name], other, every[other])
+        if "angle" not in other or other in (turns, "articulation angle"):
+            yield from products(name, every[name], other, every[other], sharp.get(name, 0.0))
 
 
 # ----------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,10 +37,16 @@ class ActingForce:
         Of the components, per N or N m of the force.
     follows : mapping of str to array, shape (windows, k) or (windows, k, …)
         Variables by name, at the windows' knots.
+    sharp : mapping of str to float
+        Over how much of a variable friction of this kind changes its sign, where the model knows it.
+    turns : str
+        The angle of what the force turns; empty where it turns nothing.
     """
 
     make: Array
     follows: Mapping[str, Array]
+    sharp: Mapping[str, float] = field(default_factory=dict)
+    turns: str = ""
 
 
 PLACE = "place"
@@ -75,7 +81,7 @@ def scene(problem: Problem, coordinates: Array) -> Scene:
 def _movable(of: Scene) -> Scene:
     """The forces and variables that are not fixed in `map`."""
     return {
-        name: ActingForce(one.make, {name: values for name, values in one.follows.items() if name not in FIXED})
+        name: replace(one, follows={name: values for name, values in one.follows.items() if name not in FIXED})
         for name, one in of.items()
         if PLACE not in one.follows
     }
@@ -108,12 +114,13 @@ def _forces(robot: Robot, t: Array, motion: dict[str, Array]) -> dict[str, Actin
             continue
         make = np.zeros((len(components_of(robot)), *t.shape))
         make[moved_by(robot) + robot.motors.index(motor)] = 1.0
-        turned = _drive(robot, side).tau
+        turned, angle = _drive(robot, side).tau, f"wheel angle {motor}"
         own = {
-            f"wheel angle {motor}": turned * motion[f"angle_{motor}"],
+            angle: turned * motion[f"angle_{motor}"],
             "own speed": robot.wheel.r_w * turned * motion[f"rate_{motor}"],
         }
-        found[f"torque of motor {motor}"] = ActingForce(make, common[side // 2] | own)
+        sharp = {"own speed": robot.wheel.r_w * turned * motor_drag.WIDTH}
+        found[f"torque of motor {motor}"] = ActingForce(make, common[side // 2] | own, sharp, angle)
     return found
 
 

@@ -76,8 +76,12 @@ class Search:
     logarithmic : bool
         The coordinate is a logarithm's: value = (neutral or `reference`) · exp(coordinate · size).
     direction : str
-        A parameter that says where to the only one of `sizes` points (a heading, a phase); both are fitted as two
-        components.
+        A parameter that says where to the first of `sizes` points (a heading, a phase); both are fitted as two
+        components. All other sizes are in `around`.
+    around : mapping of str to float
+        Those of `sizes` that have no neutral value (a period, a time constant), the last ones, and the value of each at
+        coordinate 0: value = around · exp(coordinate · size), up to coordinates of ±1. The effect is absent where the
+        other coordinates are 0.
     reference : str
         What a limit is measured by: ``"articulation"``, the largest angle seen; ``"acceleration"``, the fastest change
         of a front motor's command.
@@ -103,6 +107,7 @@ class Search:
     probes: tuple[tuple[float, ...], ...] = ()
     logarithmic: bool = False
     direction: str = ""
+    around: Mapping[str, float] = field(default_factory=dict)
     reference: str = ""
     disc: tuple[str, ...] = ()
     ridge: Mapping[str, float] = field(default_factory=dict)

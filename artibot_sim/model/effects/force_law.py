@@ -104,7 +104,7 @@ FORMS: dict[str, str] = {
     "power": "sign(u) |u|^exponent",
     "periodic": "cos(2π u + phase)",
     "threshold": "sign(u) max(|u| − 1, 0)",
-    "decaying": "exp(−u)",
+    "decaying": "exp(−|u|)",
 }
 """Forms → formula in u = variable / scale."""
 
@@ -206,7 +206,7 @@ def shape(form, u, exponent, phase):
     if form == THRESHOLD:
         return math.copysign(max(abs(u) - 1.0, 0.0), u)
     if form == DECAYING:
-        return exp(-u)
+        return exp(-abs(u))
     return 1.0
 
 
@@ -428,7 +428,7 @@ def _factor(values: Values, variable: str, form: str, scale: float) -> str:
     return {
         "linear": f"({u})", "quadratic": f"({u}) |{u}|", "magnitude": f"|{u}|", "coulomb": f"tanh({u})",
         "power": f"sign |{u}|^{float(values['exponent']):.3g}", "periodic": f"cos(2π {u}{phase})",
-        "threshold": f"sign max(|{u}| − 1, 0)", "decaying": f"exp(−{u})",
+        "threshold": f"sign max(|{u}| − 1, 0)", "decaying": f"exp(−|{u}|)",
     }[form]  # fmt: skip
 
 
