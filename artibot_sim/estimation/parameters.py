@@ -97,7 +97,9 @@ class Extension:
     @cached_property
     def _logarithmic(self) -> NDArray[np.bool_]:
         """Whether the coordinate is a logarithm's, shape (sizes,)."""
-        return np.array([self.search.logarithmic or name in self.search.around for name in self.search.sizes])
+        low, _ = self._limits
+        positive = [name in self.search.around and end >= 0.0 for name, end in zip(self.search.sizes, low, strict=True)]
+        return np.array([self.search.logarithmic or one for one in positive])
 
     def values(self, coordinates: Array) -> dict[str, Any]:
         """Parameters of the effect at coordinates (len,); neutral where it is absent."""

@@ -24,6 +24,7 @@ def _form(law: Values, form: str, u: float) -> float:
         "periodic": lambda: math.cos(2 * math.pi * (u - round(u)) + law["phase"]),
         "threshold": lambda: math.copysign(max(abs(u) - 1, 0), u),
         "decaying": lambda: math.exp(-abs(u)),
+        "step": lambda: (1 + math.tanh(u)) / 2,
     }[form]()
 
 
@@ -200,6 +201,7 @@ class Transcribed:
         known |= own
         if "x" in known:
             known["place"] = known["x"] * math.cos(law["direction"]) + known["y"] * math.sin(law["direction"])
+            known["place"] -= law["offset"]
         force = law["size"] * _form(law, law["form"], known[law["variable"]] / law["scale"])
         if law["times"] != "nothing":
             force *= _form(law, law["times_form"], known[law["times"]] / law["times_scale"])

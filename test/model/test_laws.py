@@ -120,7 +120,7 @@ def laws() -> list[dict[str, object]]:
         if k % 3:
             second = {"times": known[1 + 7 * k % (len(known) - 1)], "times_form": list(FORMS)[4 * k % len(FORMS)]}
             law |= second | {"times_scale": rng.uniform(0.2, 2.0)}
-        found.append(law | {"exponent": 1.6, "phase": 0.7, "direction": 2.1})
+        found.append(law | {"exponent": 1.6, "phase": 0.7, "direction": 2.1, "offset": -0.6})
     return found
 
 

@@ -162,6 +162,25 @@ def screen(base: Around, found: Sequence[Hypothesis], tick: Callable[[], None] =
     return side_by_side(partial(_screened, base), found, base.problem.workers, tick)
 
 
+def expected(base: Around, hypothesis: Hypothesis) -> tuple[float, Array]:
+    """Nats that a hypothesis would gain if all were as linear as it is around the baseline, and its coordinates there.
+
+    The coordinates are 0 where sensitivities say nothing of them.
+    """
+    score = _score(base, with_effect(base.problem, hypothesis.extension), hypothesis)
+    return score.expected_gain, np.zeros(len(hypothesis.extension)) if score.estimate is None else score.estimate
+
+
+def expected_point(base: Around, hypothesis: Hypothesis) -> Point:
+    """Where sensitivities put a hypothesis, with the baseline's soil or the one that goes with it."""
+    problem = with_effect(base.problem, hypothesis.extension)
+    score, own = _score(base, problem, hypothesis), np.zeros(len(hypothesis.extension))
+    if score.estimate is not None:
+        own = hypothesis.extension.nearest(np.clip(score.estimate, -_REACH, _REACH))
+    guesses = _guesses(base, problem, hypothesis, own, score.follow)
+    return min(evaluate(problem, base.loss, guesses, _starts(base, problem, guesses)), key=lambda point: point.cost)
+
+
 def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
     problem = with_effect(base.problem, hypothesis.extension)
     score = _score(base, problem, hypothesis)

@@ -101,16 +101,21 @@ class Explanations:
         self._made: dict[Which, Explanation] = {}
 
     def force(self, effects: Which | None = None) -> ForceFinding | None:
-        """What a force explains of what some of the effects leave, or all of them; None if nothing is left for one."""
+        """What a force explains of what some of the effects leave, or all of them; None if nothing is left for one.
+
+        The model is asked where no force explains enough by itself.
+        """
         which = tuple(range(len(self._found.fitted))) if effects is None else effects
+        found = self._possible(which)
+        return found if found is None or found.chosen else self(which).force
+
+    def _possible(self, which: Which) -> ForceFinding | None:
+        """The forces that may be what some of the effects leave."""
         if which not in self._forces:
             self._ticks.begin(Task.FORCES)
-            self._forces[which] = self._in_time(lambda: self._force(which))
+            problem, fit = self._model(which)
+            self._forces[which] = self._in_time(lambda: unexplained(problem, fit.point.coordinates))
         return self._forces[which]
-
-    def _force(self, which: Which) -> ForceFinding | None:
-        problem, fit = self._model(which)
-        return unexplained(problem, fit.point.coordinates)
 
     def _in_time(self, find: Callable[[], Result | None]) -> Result | None:
         """What looking for forces finds; None if the time is up before."""
@@ -124,9 +129,10 @@ class Explanations:
     def __call__(self, effects: Which) -> Explanation:
         """Laws beside some of the effects."""
         if effects not in self._made:
-            (problem, fit), force = self._model(effects), self.force(effects)
-            laws = None if force is None else self._in_time(lambda: fitted_laws(problem, fit, force, self._ticks))
-            self._made[effects] = Explanation(effects, problem, fit, force if laws is None else laws.force, laws)
+            (problem, fit), found = self._model(effects), self._possible(effects)
+            laws = None if found is None else self._in_time(lambda: fitted_laws(problem, fit, found, self._ticks))
+            force = laws.force if laws is not None else found if found is not None and found.chosen else None
+            self._made[effects] = Explanation(effects, problem, fit, force, laws)
         return self._made[effects]
 
     def best(self) -> Explanation | None:

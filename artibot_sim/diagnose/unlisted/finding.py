@@ -82,7 +82,7 @@ class ForceFinding:
     Attributes
     ----------
     chosen : tuple of ForceCandidate
-        The force that it found, then others that were found beside it as laws.
+        The force that it found, then others that were found beside it as laws; none where no force explains enough.
     rivals : tuple of ForceCandidate
         The best ones, best first, the chosen one included.
     typical : float
@@ -118,8 +118,9 @@ class ForceFinding:
 
 
 def unexplained(problem: Problem, coordinates: Array, rounds: int = _ROUNDS) -> ForceFinding | None:
-    """The force that a fit does not explain; None if nothing is left that a force would.
+    """The forces that may be what a fit does not explain; None if there are none.
 
+    Where one explains enough by itself it is chosen; else it is for the model to say whether any does (`fitting`).
     A force that the fit does not know of has bent the soil to its own ends. Windows of tenths of a second in which
     forces may scatter say less of the soil, and are not bent. So the regression is made again where they would have it;
     the one whose force explains most says which it is.
@@ -141,7 +142,7 @@ def unexplained(problem: Problem, coordinates: Array, rounds: int = _ROUNDS) -> 
         shortlist += now.shortlist
         if now.chosen and (not best.chosen or now.chosen[0].worth > best.chosen[0].worth):
             best = now
-    return replace(best, shortlist=_each_once(shortlist)) if best.chosen else None
+    return replace(best, shortlist=_each_once(shortlist)) if shortlist else None
 
 
 def _each_once(found: Sequence[Shortlisted]) -> tuple[Shortlisted, ...]:
@@ -156,19 +157,25 @@ def _each_once(found: Sequence[Shortlisted]) -> tuple[Shortlisted, ...]:
 
 
 def _most_promising(found: Sequence[ForceCandidate]) -> list[ForceCandidate]:
-    """Those that gain most and those that are proven most, as many as are tried, one of those that are just the same.
-
-    The lateral forces at two wheels side by side are the same on a module, if they follow what is the same there.
-    """
-    different = dict[tuple[str, str, str, float], ForceCandidate]()
-    for one in found:
-        if one.net_gain > 0.0:
-            different.setdefault((one.form.variable, one.form.times, one.form.name, round(one.gain, 4)), one)
+    """Those that gain most and those that are proven most, as many as are tried."""
+    different = different_ones([one for one in found if one.net_gain > 0.0])
     gained, proven = (
-        sorted(different.values(), key=key, reverse=True)[: _SHORTLISTED // 2]
+        sorted(different, key=key, reverse=True)[: _SHORTLISTED // 2]
         for key in (lambda one: one.net_gain, lambda one: one.worth)
     )
     return [*{id(one): one for one in (*gained, *proven)}.values()]
+
+
+def different_ones(found: Sequence[ForceCandidate]) -> list[ForceCandidate]:
+    """One of those that are just the same.
+
+    The lateral forces at two wheels side by side are the same on a module, if they follow what is the same there.
+    """
+    different = dict[tuple[str, str, str, str, str], ForceCandidate]()
+    for one in found:
+        said = f"{one.gain:.6g}", f"{one.coefficients[0]:.6g}"
+        different.setdefault((one.form.variable, one.form.times, one.form.name, *said), one)
+    return [*different.values()]
 
 
 def unexplained_of(found: ForceFinding) -> Unexplained:
@@ -188,13 +195,18 @@ def search_forces(problem: Problem, coordinates: Array, windows: int = WINDOWS) 
         return ForceFinding((), (), 0.0, (), coordinates, coordinates)
     equations, of = regression(few, coordinates)
     ranked = weighed(equations, of)
-    shortlist = tuple(_shortlisted(problem, coordinates, one, of, few) for one in _most_promising(ranked))
+    shortlist = shortlisted(problem, coordinates, _most_promising(ranked), of, few)
     freed = _taken_back(problem, coordinates, equations)
     found = ForceFinding((), tuple(ranked[:_RIVALS]), 0.0, (), coordinates, freed, shortlist=shortlist)
     first = ranked[0]
-    if first.worth < FORCE_NATS:
-        return found
-    return found.instead([_shortlisted(problem, coordinates, first, of, few)])
+    return found if first.worth < FORCE_NATS else found.instead(shortlisted(problem, coordinates, [first], of, few))
+
+
+def shortlisted(
+    problem: Problem, coordinates: Array, found: Sequence[ForceCandidate], of: Scene, few: Problem
+) -> tuple[Shortlisted, ...]:
+    """Forces that a regression of short windows `few` found at `coordinates` (p,), for the model to choose from."""
+    return tuple(_shortlisted(problem, coordinates, one, of, few) for one in found)
 
 
 def _shortlisted(problem: Problem, coordinates: Array, found: ForceCandidate, of: Scene, few: Problem) -> Shortlisted:

@@ -7,7 +7,8 @@ whole windows, as every listed effect is, and stays only if it lowers the same l
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any
@@ -15,10 +16,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
-from artibot_sim.diagnose.policy import FORCE_NATS
+from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect, without_effect
+from artibot_sim.diagnose.candidates.screening import around, expected, expected_point
+from artibot_sim.diagnose.policy import FORCE_NATS, TIE
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
-from artibot_sim.diagnose.unlisted.finding import ForceFinding, Shortlisted, unexplained
+from artibot_sim.diagnose.unlisted.finding import (
+    ForceFinding,
+    Shortlisted,
+    different_ones,
+    regression,
+    shortlisted,
+    unexplained,
+    weighed,
+)
+from artibot_sim.diagnose.unlisted.response import short
 from artibot_sim.diagnose.unlisted.search import ForceCandidate
 from artibot_sim.diagnose.words import NOTHING
 from artibot_sim.estimation.loss import Loss
@@ -37,7 +48,11 @@ Array = NDArray[np.float64]
 _TURNS = {"periodic, once a turn": 1, "periodic, twice a turn": 2}
 _FEW, _MANY = 3, 8
 """Steps of a fit with a law that may not stay, and with all that do."""
-_STAGES = ((1, 24), (1, 16), (3, 6), (6, 2))
+_LOOKS = 3
+"""Times at most that all forces are tried for the first law; for others, on a soil that is less bent, once."""
+_BEGUN, _PROMISED, _ALIKE = 14, 10, 3
+"""So many of them as the regression has them, so many as sensitivities do, and forms of one that follows the same."""
+_STAGES = ((1, 24), (1, 12), (3, 6), (6, 2))
 """Steps of the fits by which a law is chosen, and of how many of them: the best ones so far."""
 _WINDOWS = 16
 """Windows by which laws are chosen, at most."""
@@ -109,6 +124,8 @@ def law_of(found: ForceCandidate, modules: int = 2) -> tuple[dict[str, Any], Arr
     law |= {"variable": variable(form.variable), "form": form.law, "scale": form.scale}
     if form.times:
         law |= {"times": variable(form.times), "times_form": form.times_law, "times_scale": form.times_scale}
+    if form.edge is not None:
+        law |= {"direction": form.edge[0], "offset": form.edge[1]}
     return law, found.coefficients
 
 
@@ -121,10 +138,10 @@ def extension_of(name: str, law: dict[str, Any], size: Array, reach: float = 0.0
     """The law of this name in a fit: its size is 1 where it is as large as was found, 0 where it is absent.
 
     What its last variable is measured by (a period, where a threshold is, how fast it decays) is fitted with it, up to
-    a change of its logarithm by `reach`.
+    a change of its logarithm by `reach`; of what begins at a place that place, up to so far.
     """
     typical, direction = float(np.linalg.norm(size)), "phase" if len(size) == 2 else ""
-    scale = "times_scale" if "times" in law else "scale"
+    scale = "offset" if "offset" in law else "times_scale" if "times" in law else "scale"
     around = {scale: float(law[scale])} if reach else {}
     search = Search({"size": typical} | dict.fromkeys(around, reach), direction=direction, around=around)
     fixed, own = {key: one.neutral for key, one in PARAMETERS.items()} | law, ("size", direction, *around)
@@ -173,7 +190,8 @@ def fitted_laws(
     larger, last_fit = _needed(now[0], converge(now[0], now[1].point, fit.loss, _MANY))
     kept = {law.id: spans[law.id] for law in larger.parameters.extensions if law.id in spans}
     stayed = [one for one, name in zip(chosen, spans, strict=True) if name in kept]
-    no_term = law_of(found.chosen[0], len(problem.parameters.robot.modules)) is None
+    modules = len(problem.parameters.robot.modules)
+    no_term = bool(found.chosen) and law_of(found.chosen[0], modules) is None
     if not (no_term and leaves_more_than_noise(remains(larger, last_fit.point))):
         found = found.instead(stayed)
     return FittedLaws(larger, last_fit, 0.5 * (fit.point.cost - last_fit.point.cost), kept, found)
@@ -190,31 +208,110 @@ class _Law:
 
 
 def _best_law(problem: Problem, fit: Fit, name: str, found: ForceFinding, tick: Callable[[], None]) -> _Law | None:
-    """Which of the forces that a finding leaves possible the model asks for most; None if it gains nothing.
+    """Which of the forces that may be the model asks for most; None if there is none.
 
-    So many windows tell. A force that the fit does not know of has bent the soil, and sensitivities there say little.
-    So each force begins as large as the regression has it, on the soil that goes with it, and all are fitted side by
-    side: the best of them further and further.
+    So many windows tell. A force that the fit does not know of has bent the soil: neither the regression nor
+    sensitivities say there with certainty which it is. So forces begin where either has them, and are fitted side by
+    side, the best of them further and further. While more than noise is left, all are tried again on the soil that goes
+    with the best one.
     """
     rows = np.unique(np.linspace(0, len(problem) - 1, _WINDOWS).round().astype(int))
-    part, starts = problem.part(rows.tolist()), fit.point.starts[rows]
-    left = [law for one in found.shortlist if (law := _begun(part, fit.loss, name, one, starts)) is not None]
-    for steps, most in _STAGES:
-        best = sorted(left, key=lambda law: law.point.cost)[:most]
-        left = side_by_side(partial(_further, fit.loss, steps), best, problem.workers, tick)
-    return min(left, key=lambda law: law.point.cost, default=None)
+    part, best, shortlist = problem.part(rows.tolist()), None, found.shortlist
+    point = evaluate(part, fit.loss, [fit.point.coordinates], fit.point.starts[rows])[0]
+    for _ in range(_LOOKS if name == LAWS[0] else 1):
+        left = [
+            *_by_regression(part, fit.loss, name, shortlist, point),
+            *_by_sensitivities(problem, part, fit.loss, name, point),
+        ]
+        for steps, most in _STAGES:
+            left = sorted(left, key=lambda law: law.point.cost)[:most]
+            left = side_by_side(partial(_further, fit.loss, steps), left, problem.workers, tick)
+        now = _simplest(left)
+        if now is None or (best is not None and best.point.cost - now.point.cost <= 2.0 * FORCE_NATS):
+            break
+        best = now
+        if not leaves_more_than_noise(remains(best.problem, best.point)):
+            break
+        _, point = without_effect(best.problem, fit.loss, best.point)
+        again = unexplained(problem, point.coordinates, 1)
+        shortlist = () if again is None else again.shortlist
+    return best
+
+
+def _by_regression(part: Problem, loss: Loss, name: str, shortlist: Sequence[Shortlisted], point: Point) -> list[_Law]:
+    """Those forces of a regression that are best as it has them: as large, on the soil that goes with each."""
+    begun = [law for one in shortlist if (law := _begun(part, loss, name, one, point.starts)) is not None]
+    return _a_few_of_each(sorted(begun, key=lambda law: law.point.cost))[:_BEGUN]
+
+
+def _by_sensitivities(problem: Problem, part: Problem, loss: Loss, name: str, point: Point) -> list[_Law]:
+    """Those forces, of all that there are, that sensitivities of whole windows promise most of, as these have them."""
+    few, modules = short(problem), len(problem.parameters.robot.modules)
+    if not len(few):
+        return []
+    equations, of = regression(few, point.coordinates)
+    usual = [one for one in different_ones(weighed(equations, of)) if one.form.edge is None]
+    extensions = {
+        id(one): law
+        for one in usual
+        if (law := _extension(name, one, modules)) is not None and one.form.law != "periodic"
+    }
+    laws = [one for one in usual if id(one) in extensions]
+    half = part.part(range(0, len(part), 2))
+    base = around(half, loss, evaluate(half, loss, [point.coordinates], point.starts[::2])[0])
+    promised = side_by_side(
+        lambda one: expected(base, Hypothesis(extensions[id(one)])), laws, problem.workers, lambda: None
+    )
+    order = sorted(zip(laws, promised, strict=True), key=lambda each: -each[1][0])[: 4 * _PROMISED]
+    whole, found = around(part, loss, point), list[_Law]()
+    seen = shortlisted(problem, point.coordinates, [one for one, _ in order], of, few)
+    for one, (candidate, (_, own)) in zip(seen, order, strict=True):
+        extension = _as_large(extensions[id(candidate)], own)
+        found.append(_Law(one, extension, with_effect(part, extension), point))
+    kept = _a_few_of_each(found)[:_PROMISED]
+    return [replace(law, point=expected_point(whole, Hypothesis(law.extension))) for law in kept]
+
+
+def _as_large(extension: Extension, own: Array) -> Extension:
+    """A law whose size is 1 where it is now at `own`."""
+    search = extension.search
+    typical = search.sizes["size"] * (float(np.linalg.norm(own[: 2 if search.direction else 1])) or 1.0)
+    return replace(extension, own=replace(search, sizes={**search.sizes, "size": typical}))
+
+
+def _simplest(laws: Sequence[_Law]) -> _Law | None:
+    """The one that explains most; of those that tie with it one with the fewest numbers."""
+    least = min((law.point.cost for law in laws), default=0.0) + 2.0 * TIE
+    close = [law for law in laws if law.point.cost <= least]
+    return min(close, key=lambda law: (len(law.extension), law.point.cost), default=None)
+
+
+def _a_few_of_each(laws: Sequence[_Law]) -> list[_Law]:
+    """Of each force that follows the same so many forms at most; the order stays."""
+    count, kept = Counter[tuple[str, str]](), list[_Law]()
+    for law in laws:
+        kind = law.found.candidate.force, law.found.candidate.form.variable
+        count[kind] += 1
+        if count[kind] <= _ALIKE:
+            kept.append(law)
+    return kept
+
+
+def _extension(name: str, found: ForceCandidate, modules: int) -> Extension | None:
+    """A force as a law in a fit; None if it is no term of the model."""
+    translated = law_of(found, modules)
+    return None if translated is None else extension_of(name, *translated, found.form.reach)
 
 
 def _begun(part: Problem, loss: Loss, name: str, found: Shortlisted, starts: Array) -> _Law | None:
     """A force as the regression has it; None if it is no term of the model."""
     check_time()
-    translated = law_of(found.candidate, len(part.parameters.robot.modules))
-    if translated is None:
+    modules = len(part.parameters.robot.modules)
+    extension = _extension(name, found.candidate, modules)
+    if extension is None:
         return None
-    law, size = translated
-    extension = extension_of(name, law, size, found.candidate.form.reach)
-    larger = with_effect(part, extension)
-    own = extension.coordinates(law | _as_found(size))
+    law, size = law_of(found.candidate, modules) or ({}, np.empty(0))
+    larger, own = with_effect(part, extension), extension.coordinates(law | _as_found(size))
     return _Law(found, extension, larger, evaluate(larger, loss, [np.concatenate([found.soil, own])], starts)[0])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,8 @@ _WITHIN = (0.15, 0.5)
 """Shares of the largest angle within which a drag falls to a third."""
 _FADES_REACH, _BEGINS_REACH = 0.5, 0.4
 """Largest change of a scale's logarithm once a law is in the model: beyond it is the next one of these."""
+_AXES, _EDGES, _EDGE = 8, 8, 0.1
+"""Directions in which the ground may change at a line, places along each where that may be, and how wide it is, m."""
 _RATES = ("speed", "own speed", "yaw rate", "articulation rate")
 """Variables whose sign friction and damping follow, and from which on a force may begin. Slip and lateral speeds are
 none of them: wheels let go at some of these, and a fit that is wrong about when looks just so."""
@@ -50,6 +52,7 @@ _SHAPES: Mapping[str, Callable[[Array], Array]] = {
     "coulomb": np.tanh,
     "threshold": lambda u: np.sign(u) * np.maximum(np.abs(u) - 1.0, 0.0),
     "decaying": lambda u: np.exp(-np.abs(u)),
+    "step": lambda u: 0.5 + 0.5 * np.tanh(u),
 }
 """Forms of the model as functions of a variable over its scale; see `effects.force_law.shape`."""
 
@@ -81,7 +84,10 @@ class Form:
         What the second variable is divided by first, in its unit.
     reach : float
         By how much the logarithm of `times_scale`, where there are two variables, else of `scale` may change once the
-        law is in the model; 0 where it is as it is.
+        law is in the model; 0 where it is as it is. Of an edge by how far that may move, m.
+    edge : (float, float), optional
+        Of a force that acts on one side of a line: the direction in `map` (rad) across it, and where it is along that
+        (m). The second variable is the place then.
     """
 
     variable: str
@@ -97,6 +103,7 @@ class Form:
     times_law: str = ""
     times_scale: float = 1.0
     reach: float = 0.0
+    edge: tuple[float, float] | None = None
 
 
 def amplitude(coefficients: Array) -> float:
@@ -201,6 +208,28 @@ def products(variable: str, every: Array, times: str, second: Array, sharp: floa
         per = _PER[UNITS[times]][0]
         for first, more in ((coulomb, ""), (("linear", "linear", 1.0), _PER[UNITS[variable]][0])):
             yield _product(variable, first, times, (f"the size of {times}", "magnitude", 1.0), f"{per} {more}".strip())
+
+
+def edges(variable: str, every: Array, x: Array, y: Array) -> Iterator[Form]:
+    """Friction, by a variable's sign, on one side of a line across `map`.
+
+    Parameters
+    ----------
+    every, x, y : array
+        Values of the variable and of the place, m, to know their usual sizes.
+    """
+    usual = float(np.quantile(np.abs(every), 0.9))
+    if variable not in _RATES or usual <= 1e-6:
+        return
+    coulomb = "Coulomb-like", "coulomb", _SHARP * usual
+    for direction in 2.0 * np.pi / _AXES * np.arange(_AXES):
+        along = x * np.cos(direction) + y * np.sin(direction)
+        places = np.quantile(along, np.arange(1, _EDGES + 1) / (_EDGES + 1)).tolist()
+        apart = float(np.ptp(along)) / _EDGES
+        for place in places if apart > 2.0 * _EDGE else ():
+            words = f"place beyond {place:.3g} m along {np.degrees(direction):.0f}° in map"
+            form = _product(variable, coulomb, PLACE, (words, "step", _EDGE))
+            yield replace(form, reach=apart, edge=(float(direction), place))
 
 
 def _product(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.policy import FORCE_PRICE, FORCE_WINDOW
 from artibot_sim.diagnose.sizes import scale_of
-from artibot_sim.diagnose.unlisted.forms import Form, forms, products
+from artibot_sim.diagnose.unlisted.forms import Form, edges, forms, products
 from artibot_sim.diagnose.unlisted.response import KNOTS, Answers, force_scale
 from artibot_sim.diagnose.unlisted.variables import PLACE, SURGE, ActingForce, Scene
 from artibot_sim.diagnose.words import NOTHING
@@ -282,6 +282,9 @@ def variable(acting: ActingForce, form: Form) -> Array:
     if form.variable == NOTHING:
         return np.zeros(acting.make.shape[1:])
     own = acting.follows[form.variable]
+    if form.edge is not None:
+        (x, y), (direction, edge) = place(acting), form.edge
+        return np.stack([own, x * np.cos(direction) + y * np.sin(direction) - edge], axis=-1)
     return np.stack([own, acting.follows[form.times]], axis=-1) if form.times else own
 
 
@@ -358,6 +361,10 @@ def _forms(acting: Sequence[ActingForce], names: Sequence[str], recordings: int)
     for name, other in itertools.permutations(() if along_axis else names, 2):
         if "angle" not in other or other in (turns, "articulation angle"):
             yield from products(name, every[name], other, every[other], sharp.get(name, 0.0))
+    if not along_axis and "x" in acting[0].follows:
+        x, y = (np.stack([place(one)[axis] for one in acting]) for axis in (0, 1))
+        for name in names:
+            yield from edges(name, every[name], x, y)
 
 
 # ----------------------------------------------------------------------

@@ -79,9 +79,9 @@ class Search:
         A parameter that says where to the first of `sizes` points (a heading, a phase); both are fitted as two
         components. All other sizes are in `around`.
     around : mapping of str to float
-        Those of `sizes` that have no neutral value (a period, a time constant), the last ones, and the value of each at
-        coordinate 0: value = around · exp(coordinate · size), up to coordinates of ±1. The effect is absent where the
-        other coordinates are 0.
+        Those of `sizes` that say nothing of how strong it is (a period, a time constant, a place), the last ones, and
+        the value of each at coordinate 0: value = around · exp(coordinate · size) of what is positive, else around +
+        coordinate · size, up to coordinates of ±1. The effect is absent where the other coordinates are 0.
     reference : str
         What a limit is measured by: ``"articulation"``, the largest angle seen; ``"acceleration"``, the fastest change
         of a front motor's command.

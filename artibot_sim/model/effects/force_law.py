@@ -86,8 +86,8 @@ VARIABLES: dict[str, tuple[str, str]] = {
 """What a law may follow → words and unit.
 
 Of a module its own motion, of the joint the front module's. Of a wheel the velocity of its centre, of a motor the
-rolling speed of its wheels. `place` is the coordinate of where the force acts along `direction` in `map`; `slip` is the
-rims' speed less the centre's; angles are the wheels', not the motors'.
+rolling speed of its wheels. `place` is the coordinate of where the force acts along `direction` in `map`, less
+`offset`; `slip` is the rims' speed less the centre's; angles are the wheels', not the motors'.
 """
 
 (
@@ -105,10 +105,11 @@ FORMS: dict[str, str] = {
     "periodic": "cos(2π u + phase)",
     "threshold": "sign(u) max(|u| − 1, 0)",
     "decaying": "exp(−|u|)",
+    "step": "(1 + tanh(u)) / 2",
 }
 """Forms → formula in u = variable / scale."""
 
-CONSTANT, LINEAR, QUADRATIC, MAGNITUDE, COULOMB, POWER, PERIODIC, THRESHOLD, DECAYING = range(len(FORMS))
+CONSTANT, LINEAR, QUADRATIC, MAGNITUDE, COULOMB, POWER, PERIODIC, THRESHOLD, DECAYING, STEP = range(len(FORMS))
 
 SLOW = 0.05
 """m/s below which a path has no curvature."""
@@ -207,11 +208,13 @@ def shape(form, u, exponent, phase):
         return math.copysign(max(abs(u) - 1.0, 0.0), u)
     if form == DECAYING:
         return exp(-abs(u))
+    if form == STEP:
+        return 0.5 + 0.5 * tanh(u)
     return 1.0
 
 
 @inlined
-def variable_value(variable, direction, motion, t, module, own):
+def variable_value(variable, law, motion, t, module, own):
     """The value of a variable of VARIABLES where a force acts, on a module or a part of it."""
     if variable == TIME:
         return t
@@ -227,8 +230,8 @@ def variable_value(variable, direction, motion, t, module, own):
     if variable == HEADING:
         return motion.yaw[module]
     if variable == PLACE:
-        sine, cosine = sincos(direction)
-        return own.x * cosine + own.y * sine
+        sine, cosine = sincos(law.direction)
+        return own.x * cosine + own.y * sine - law.offset
     if variable == SLIP:
         return own.slip
     if variable == ANGLE:
@@ -247,10 +250,10 @@ def variable_value(variable, direction, motion, t, module, own):
 @called
 def value(law, motion, t, module, own):
     """The force of a law (N or N m) on a part of a `module`, of which `own` is known."""
-    u = variable_value(law.variable, law.direction, motion, t, module, own) / law.scale
+    u = variable_value(law.variable, law, motion, t, module, own) / law.scale
     force = law.size * shape(law.form, u, law.exponent, law.phase)
     if law.times != NOTHING:
-        factor = variable_value(law.times, law.direction, motion, t, module, own) / law.times_scale
+        factor = variable_value(law.times, law, motion, t, module, own) / law.times_scale
         force *= shape(law.times_form, factor, law.exponent, law.phase)
     return force
 
@@ -423,13 +426,21 @@ def _factor(values: Values, variable: str, form: str, scale: float) -> str:
     words, unit = variable_words(variable)
     if variable == "place":
         words = f"place along {math.degrees(float(values['direction'])):.0f}° in map"
+        if values["offset"]:
+            words = f"({words} {_signed(-float(values['offset']))} m)"
     u = words if scale == 1.0 else f"{words} / {scale:.3g} {unit}".rstrip()
-    phase = f" {float(values['phase']):+.2f}".replace("+", "+ ").replace("-", "− ")
+    phase = f" {_signed(float(values['phase']))}"
     return {
         "linear": f"({u})", "quadratic": f"({u}) |{u}|", "magnitude": f"|{u}|", "coulomb": f"tanh({u})",
         "power": f"sign |{u}|^{float(values['exponent']):.3g}", "periodic": f"cos(2π {u}{phase})",
         "threshold": f"sign max(|{u}| − 1, 0)", "decaying": f"exp(−|{u}|)",
+        "step": f"(1 + tanh({u})) / 2",
     }[form]  # fmt: skip
+
+
+def _signed(value: float) -> str:
+    """A number to add: ``+ 0.40``."""
+    return f"{value:+.2f}".replace("+", "+ ").replace("-", "− ")
 
 
 def check(values: Values, path: str) -> None:
@@ -498,6 +509,7 @@ PARAMETERS: dict[str, EffectParameter] = {
     "exponent": number("-", 0.0, 10.0, "of a power", 1.0),
     "phase": number("rad", *_ANY, "of what is periodic"),
     "direction": number("rad", *_ANY, "of a place: along which it is measured in map"),
+    "offset": number("m", *_ANY, "of a place: from where on it is measured"),
     "times": choice(tuple(VARIABLES), "a second variable, whose form is a factor"),
     "times_form": choice(tuple(FORMS), "the form of that one"),
     "times_scale": number("SI", 0.0, math.inf, "what the second one is measured by", 1.0, low_open=True),

@@ -89,12 +89,13 @@ def seen(task: Task, runs: int, duration: float) -> Seen:
         gain = _share(
             without, hidden, *(one.parameters.robot_at(at.point.coordinates) for one, at in ((problem, fit), last))
         )
-    if found is None:
+    force = laws.force if laws is not None else found
+    if force is None or not force.chosen:
         return Seen(task, more, gain=gain, seconds=took)
-    what = unexplained_of(found if laws is None else laws.force)
+    what = unexplained_of(force)
     said = force_words(what) + ("" if laws is not None else " (no law)")
     right = is_described(vars(what), hidden.truth.unlisted)
-    return Seen(task, more, said, found.chosen[0].worth, right, gain, took)
+    return Seen(task, more, said, force.chosen[0].worth, right, gain, took)
 
 
 def _share(without: Case, hidden: Case, before: Robot, after: Robot) -> float | None:
