@@ -11,7 +11,7 @@ from artibot_sim.estimation.parameters import Extension, ParameterSet
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.model import load_robot
 from artibot_sim.model.effects import EFFECTS, at_work
-from artibot_sim.model.effects.base import Choice
+from artibot_sim.model.effects.base import Choice, Search
 
 SEARCHED = [name for name, effect in EFFECTS.items() if effect.search is not None]
 
@@ -59,6 +59,28 @@ def test_a_size_with_a_direction_has_no_preferred_one() -> None:
         values = e.values(e.coordinates({"grade": 0.05, "heading": heading}))
         assert values["grade"] == pytest.approx(0.05)
         assert values["heading"] == pytest.approx(heading)
+
+
+@pytest.mark.parametrize("around", [{"scale": 1.1}, {"offset": -0.4}])
+@pytest.mark.parametrize("direction", ["", "phase"])
+def test_what_says_nothing_of_a_size_is_fitted_around_a_value(around: dict[str, float], direction: str) -> None:
+    """A period or a place has no neutral value: a law is absent where its size is 0, and stays within its reach."""
+    ((name, middle),) = around.items()
+    search = Search({"size": 2.0, name: 0.3}, direction=direction, around=around)
+    law = {"where": "front_yaw", "variable": "place", "form": "periodic"}
+    neutral = {key: one.neutral for key, one in EFFECTS["force_law"].parameters.items()}
+    fixed = {key: value for key, value in (neutral | law).items() if key not in ("size", name, direction)}
+    e = Extension("force_law", fixed, own=search)
+    assert len(e) == len(e.names) == len(e.bounds[0]) == (3 if direction else 2)
+    absent = e.values(np.zeros(len(e)))
+    assert (absent["size"], absent[name]) == (0.0, pytest.approx(middle))
+    rng = np.random.default_rng(4)
+    for _ in range(5):
+        c = np.clip(rng.uniform(-2.0, 2.0, len(e)), *e.bounds)
+        assert e.coordinates(e.values(c)) == pytest.approx(c, abs=1e-9)
+    farthest = [e.values(end)[name] for end in e.bounds]
+    expected = middle * np.exp([-0.3, 0.3]) if name == "scale" else [middle - 0.3, middle + 0.3]
+    assert farthest == pytest.approx(list(expected))
 
 
 def test_soil_and_effects_stand_side_by_side() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.unlisted.fitting import extension_of, law_of
-from artibot_sim.diagnose.unlisted.forms import UNITS, Form, amplitude, forms, products, waves
+from artibot_sim.diagnose.unlisted.forms import UNITS, Form, amplitude, edges, forms, products, waves
 from artibot_sim.diagnose.unlisted.search import ForceCandidate
 from artibot_sim.diagnose.words import NOTHING
 from artibot_sim.model.effects import EFFECTS
@@ -74,6 +74,30 @@ def test_products_of_two_variables_are_the_same_force_in_the_model(variable: str
         for u, second in zip(RNG.normal(size=10), RNG.uniform(0.0, 30.0, 10), strict=True):
             expected = 0.3 * form.curve(np.array([[[u, second]]]), np.zeros(1, int)).item()
             assert stated(law, size, u, second) == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_drag_that_fades_as_its_wheels_turn_is_the_same_torque_in_the_model() -> None:
+    angle = "wheel angle back_left"
+    found = list(products("own speed", RNG.normal(size=50), angle, RNG.uniform(0.0, 80.0, 50), sharp=0.003))
+    assert found
+    for form in found:
+        law, size = law_of(candidate("torque of motor back_left", form, np.array([0.3])))
+        assert (law["times"], law["times_form"], law["scale"]) == ("back_left_angle", "decaying", 0.003)
+        for u, second in zip(RNG.normal(size=5), RNG.uniform(-5.0, 80.0, 5), strict=True):
+            expected = 0.3 * form.curve(np.array([[[u, second]]]), np.zeros(1, int)).item()
+            assert stated(law, size, u, second) == pytest.approx(expected, rel=1e-9)
+
+
+def test_friction_beyond_a_line_is_the_same_force_in_the_model() -> None:
+    x, y = RNG.uniform(-5.0, 5.0, (2, 60))
+    found = list(edges("speed", RNG.normal(size=60), x, y))
+    assert found and not list(edges("lateral speed", RNG.normal(size=60), x, y))
+    for form in found:
+        law, size = law_of(candidate("front surge force", form, np.array([-20.0])))
+        along = x * np.cos(law["direction"]) + y * np.sin(law["direction"])
+        for u, at in zip(RNG.normal(size=5), along, strict=False):
+            expected = -20.0 * form.curve(np.array([[[u, at - form.edge[1]]]]), np.zeros(1, int)).item()
+            assert stated(law, size, u, at - law["offset"]) == pytest.approx(expected, rel=1e-9)
 
 
 def test_waves_in_time_are_the_same_force_in_the_model() -> None:
