@@ -74,10 +74,10 @@ def show(name: str) -> None:
 @click.argument("files", nargs=-1, required=True, type=_FILE)
 def check(files: tuple[Path, ...]) -> None:
     """Whether files declare effects; the first that does not is refused with one line."""
-    from artibot_sim.model.effects.files import read_effect
+    from artibot_sim.model.effects.files import read_effect, register
 
     for path in files:
-        effect = read_effect(path)
+        effect = register(read_effect(path), path)
         click.echo(f"{path}: {effect.id}, {', '.join(effect.parameters)}")
 
 

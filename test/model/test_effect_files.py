@@ -17,7 +17,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.own_effects import user_folder
 from artibot_sim.model import load_robot, save_robot
 from artibot_sim.model.effects import EFFECTS, at_work
-from artibot_sim.model.effects.files import effect_of, load_folder
+from artibot_sim.model.effects.files import effect_document, effect_of, load_folder, register
 
 COLD_GEAR = {
     "id": "cold_gear",
@@ -120,6 +120,7 @@ def test_a_built_in_effect_keeps_its_name(tmp_path, forgets):
     path = written(tmp_path / "mine", changed("id", to="slope"))
     with pytest.raises(ArtibotError, match=f"{path}: id: 'slope' is a built-in effect"):
         load_folder(tmp_path / "mine")
+    assert main(["effects", "check", str(path)]) == 2
 
 
 def test_text_that_is_no_yaml_is_refused_by_the_command(tmp_path, forgets, capsys):
@@ -152,6 +153,17 @@ def test_a_law_that_was_found_gets_a_name_and_is_known_from_then_on(tmp_path, fo
     assert "Stiff while cold." in capsys.readouterr().out
     found = EFFECTS["cold_gear"].law({"size": 0.3})
     assert found == EFFECTS["force_law_2"].read(SEVERITY_1["force_law_2"], "")
+
+
+def test_a_wheel_out_of_round_is_looked_for_in_any_phase(agriq, forgets):
+    """Its angle is 0 where a recording begins: next week it stands otherwise."""
+    law = {"size": 40.0, "where": "front_left_longitudinal", "variable": "angle", "form": "periodic", "phase": -1.2}
+    law = EFFECTS["force_law"].read(law | {"scale": 2.0 * np.pi}, "")
+    effect = register(effect_of(effect_document("oval", "A wheel out of round.", law), "f.yaml"), Path("f.yaml"))
+    assert effect.law({"size": 40.0, "phase": -1.2}) == law
+    (mine,) = (one for one in hypotheses(agriq, []) if one.id == "oval")
+    found = mine.extension.values(mine.extension.coordinates({"size": 30.0, "phase": 2.0}))
+    assert (found["size"], found["phase"]) == (pytest.approx(30.0), pytest.approx(2.0))
 
 
 def test_the_list_has_built_in_effects_and_those_of_a_folder(tmp_path, forgets, capsys):

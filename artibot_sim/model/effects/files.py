@@ -16,6 +16,7 @@ Once its file is read an effect is known as the built-in ones are: robot files m
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -112,27 +113,35 @@ def effect_of(document: Any, path: str) -> Effect:
         parameters=parameters,
         law=law,
         uniform=not {"place", "heading"} & {fixed["variable"], fixed["times"]},
-        search=Search({"size": typical}, ((0.3,), (1.0,), (2.5,)), back=of_pair(str(fixed["where"]))[1] > 0),
+        search=_search(typical, "phase" in names, of_pair(str(fixed["where"]))[1] > 0),
     )
 
 
+def _search(typical: float, phase: bool, back: bool) -> Search:
+    """How an effect of such a size is looked for; where its phase is another one each time, with that."""
+    if phase:
+        return Search({"size": abs(typical)}, direction="phase", back=back)
+    return Search({"size": typical}, ((0.3,), (1.0,), (2.5,)), back=back)
+
+
 def effect_document(effect_id: str, description: str, values: Values) -> dict[str, Any]:
-    """The document of an effect that is this law, its size a parameter from 0 to three times as much either way."""
-    size = float(values["size"])
+    """The document of an effect that is this law, its size a parameter up to ten times as much either way.
+
+    What follows an angle, which is 0 where a recording begins, has another phase in each: that is a parameter, too.
+    """
+    size, wheel = float(values["size"]), str(values["variable"]).endswith("angle")
+    turns = wheel and values["variable"] != "articulation_angle" and values["form"] == "periodic"
     law = {
         key: values[key] if isinstance(one.quantity, Choice) else float(values[key])
         for key, one in PARAMETERS.items()
-        if key != "size" and values[key] != one.neutral
+        if key != "size" and values[key] != one.neutral and not (turns and key == "phase")
     }
     law = {"where": values["where"], "variable": values["variable"], "form": values["form"]} | law
     bounds = {"low": -10.0 * abs(size), "high": 10.0 * abs(size)}
-    unit = unit_of(str(values["where"]))
-    return {
-        "id": effect_id,
-        "description": description,
-        "law": law,
-        "parameters": {"size": {"unit": unit} | bounds | {"typical": size}},
-    }
+    parameters = {"size": {"unit": unit_of(str(values["where"]))} | bounds | {"typical": size}}
+    if turns:
+        parameters["phase"] = {"unit": "rad", "low": -math.pi, "high": math.pi, "typical": float(values["phase"])}
+    return {"id": effect_id, "description": description, "law": law, "parameters": parameters}
 
 
 def _parameter(key: str, entry: Any, law: Values, path: str) -> EffectParameter:
