@@ -50,8 +50,10 @@ _FEW, _MANY = 3, 8
 """Steps of a fit with a law that may not stay, and with all that do."""
 _LOOKS = 3
 """Times at most that all forces are tried for the first law; for others, on a soil that is less bent, once."""
-_BEGUN, _PROMISED, _ALIKE = 14, 10, 3
-"""So many of them as the regression has them, so many as sensitivities do, and forms of one that follows the same."""
+_BEGUN, _PROMISED = 14, 10
+"""So many of them as the regression has them, and so many as sensitivities do."""
+_ALIKE, _WAVES = 4, 2
+"""So many forms of a force that follows the same, and so many waves among them."""
 _STAGES = ((1, 24), (1, 12), (3, 6), (6, 2))
 """Steps of the fits by which a law is chosen, and of how many of them: the best ones so far."""
 _WINDOWS = 16
@@ -287,13 +289,19 @@ def _simplest(laws: Sequence[_Law]) -> _Law | None:
 
 
 def _a_few_of_each(laws: Sequence[_Law]) -> list[_Law]:
-    """Of each force that follows the same so many forms at most; the order stays."""
-    count, kept = Counter[tuple[str, str]](), list[_Law]()
+    """Of each force that follows the same so many forms at most, one of those that differ in a fitted scale alone.
+
+    The order stays.
+    """
+    count, kept = Counter[tuple[object, ...]](), list[_Law]()
     for law in laws:
-        kind = law.found.candidate.force, law.found.candidate.form.variable
-        count[kind] += 1
-        if count[kind] <= _ALIKE:
+        force, form = law.found.candidate.force, law.found.candidate.form
+        across = None if form.edge is None else form.edge[0]
+        kinds = (force, form.variable), (force, form.variable, form.law, form.times, form.times_law, across)
+        most = _ALIKE, _WAVES if form.law == "periodic" else 1
+        if all(count[kind] < limit for kind, limit in zip(kinds, most, strict=True)):
             kept.append(law)
+            count.update(kinds)
     return kept
 
 
