@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 _SURGE, _SWAY, _TURN = range(3)
 """Where a force's components stand: the front module's along and across, the moments about each module's origin."""
 _SAMPLED = ("x", "y", "yaw", "yaw_rate", "v_x", "v_y")
+_SOFTER = 2.0
+"""Widths of `motor_drag` over which friction at a motor changes its sign: half as steep, it needs no shorter step."""
 SURGE = " surge force"
 """How the names of forces along modules end."""
 
@@ -119,7 +121,7 @@ def _forces(robot: Robot, t: Array, motion: dict[str, Array]) -> dict[str, Actin
             angle: turned * motion[f"angle_{motor}"],
             "own speed": robot.wheel.r_w * turned * motion[f"rate_{motor}"],
         }
-        sharp = {"own speed": robot.wheel.r_w * turned * motor_drag.WIDTH}
+        sharp = {"own speed": _SOFTER * robot.wheel.r_w * turned * motor_drag.WIDTH}
         found[f"torque of motor {motor}"] = ActingForce(make, common[side // 2] | own, sharp, angle)
     return found
 
