@@ -38,6 +38,7 @@ from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.selection.stepwise import Naming
 from artibot_sim.diagnose.timetable import StageReport, Task, Timetable
 from artibot_sim.diagnose.unlisted.finding import unexplained_of
+from artibot_sim.diagnose.unlisted.fitting import law_of
 from artibot_sim.diagnose.validation.error_budget import error_budget
 from artibot_sim.diagnose.validation.explainable import explainable, model_of
 from artibot_sim.diagnose.validation.predictions import Worth
@@ -250,6 +251,12 @@ def _unexplained(decision: Decision, assessed: Assessment) -> Unexplained | None
         return said
     nats, spans = assessed.laws.nats, assessed.laws.spans
     laws = {name: assessed.effects[name] for name in spans}
+    first = decision.unexplained.chosen[0]
+    if law_of(first, len(decision.problem.parameters.robot.modules)) is not None:  # as it is in the model
+        law, form = laws[next(iter(spans))], first.form
+        fitted = law["offset" if form.edge is not None else "times_scale" if form.times else "scale"]
+        size = float(f"{law['size'].value:.3g}")
+        said = replace(said, size=size, form=form.name_at(float(fitted.value)))
     return replace(said, laws=laws, log10_bayes_factor=nats / DECADE, spans=spans)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from artibot_sim.diagnose.records import Candidate, Cause, ChannelBaseline, ChannelGain, EffectEstimate, Unexplained
 from artibot_sim.identify.result import number, spaced
-from artibot_sim.model.effects.force_law import formula, unit_of
+from artibot_sim.model.effects.force_law import formula, unit_of, variable_words
 
 CHANNEL_WORDS = {
     "position": "position", "yaw": "heading", "yaw_rate": "yaw rate", "articulation_yaw": "articulation angle",
@@ -83,14 +83,19 @@ def force_words(what: Unexplained) -> str:
 
 
 def law_words(parameters: Mapping[str, EffectEstimate]) -> str:
-    """A law as a formula with its numbers, and the interval of its size: what the model has as a term."""
+    """A law as a formula with numbers and the intervals of those that were fitted: what the model has as a term."""
     values = {name: found.value for name, found in parameters.items()}
-    size = parameters["size"]
-    said = formula(values)
-    if size.ci95 is None or not all(np.isfinite(size.ci95)):
-        return said
-    low, high = size.ci95
-    return f"{said} (size {low:.3g} to {high:.3g} {spaced(unit_of(str(values['where'])))})"
+    followed = {"scale": "variable", "times_scale": "times"}
+    intervals = []
+    for name, found in parameters.items():
+        if found.ci95 is None or not all(np.isfinite(found.ci95)):
+            continue
+        unit = unit_of(str(values["where"])) if name == "size" else found.unit
+        if name in followed:
+            unit = variable_words(str(values[followed[name]]))[1]
+        low, high = found.ci95
+        intervals.append(f"{effect_words(name)} {low:.3g} to {high:.3g} {spaced(unit)}".rstrip())
+    return f"{formula(values)} ({', '.join(intervals)})" if intervals else formula(values)
 
 
 def differing(how: str) -> str:

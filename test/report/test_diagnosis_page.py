@@ -365,7 +365,8 @@ def with_law(found: Diagnosis) -> Diagnosis:
 def test_a_law_stands_on_the_page_as_a_formula_and_a_curve_with_what_it_gains(every: dict[Verdict, Diagnosis]) -> None:
     plain, found = every[Verdict.UNEXPLAINED], with_law(every[Verdict.UNEXPLAINED])
     said = markup(found)
-    formula = "lateral force of each wheel = 14 N · cos(2π place along 0° in map / 1.1 m + 0.40) (size 13 to 15 N)"
+    formula = "lateral force of each wheel = 14 N · cos(2π place along 0° in map / 1.1 m + 0.40)"
+    formula += " (size 13 to 15 N, phase 0.3 to 0.5 rad)"
     assert formula in said and formula not in markup(plain)
     assert "What it gains" in said and "What it gains" not in markup(plain)
     assert "With it as a law of the model, predictions" in result.headline(found)

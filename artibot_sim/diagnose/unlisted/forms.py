@@ -88,6 +88,8 @@ class Form:
     edge : (float, float), optional
         Of a force that acts on one side of a line: the direction in `map` (rad) across it, and where it is along that
         (m). The second variable is the place then.
+    named : str
+        The name with a field for the number that is fitted with the law; empty where none is.
     """
 
     variable: str
@@ -104,6 +106,11 @@ class Form:
     times_scale: float = 1.0
     reach: float = 0.0
     edge: tuple[float, float] | None = None
+    named: str = ""
+
+    def name_at(self, fitted: float) -> str:
+        """The name once the number that is fitted with the law has this value."""
+        return self.named.format(fitted) if self.named else self.name
 
 
 def amplitude(coefficients: Array) -> float:
@@ -158,11 +165,14 @@ def _in_time(variable: str, longest: float, recordings: int) -> Iterator[Form]:
     """Waves in time from half a period in the longest recording on, so close that some one is hardly out of phase."""
     for count in range(_PER_PERIOD // 2, _WAVES if longest > 0.0 else 0):
         period = _PER_PERIOD * longest / count
-        name = f"periodic in time with period {period:.3g} s"
+        named = "periodic in time with period {:.3g} s"
         curve = waves(2.0 * np.pi / period)
         # the longest one stays: longer ones would be any trend
         reach = float(np.log(count / (count - 1.0))) if count > _PER_PERIOD // 2 else 0.0
-        yield Form(variable, name, curve, amplitude, across=recordings > 1, scale=period, law="periodic", reach=reach)
+        yield Form(
+            variable, named.format(period), curve, amplitude, across=recordings > 1, scale=period, law="periodic",
+            reach=reach, named=named,
+        )  # fmt: skip
 
 
 def _signed(variable: str, usual: float, sharp: float) -> Iterator[Form]:
@@ -175,9 +185,12 @@ def _signed(variable: str, usual: float, sharp: float) -> Iterator[Form]:
     if variable in _RATES:
         for share in _BEGINS:
             begins = share * usual
-            name = f"nothing up to {begins:.2g} {UNITS[variable]}, then linear"
+            named = f"nothing up to {{:.2g}} {UNITS[variable]}, then linear"
             curve = _of_one("threshold", begins)
-            yield Form(variable, name, curve, _first, scale=begins, law="threshold", reach=_BEGINS_REACH)
+            yield Form(
+                variable, named.format(begins), curve, _first, scale=begins, law="threshold", reach=_BEGINS_REACH,
+                named=named,
+            )  # fmt: skip
 
 
 def products(variable: str, every: Array, times: str, second: Array, sharp: float = 0.0) -> Iterator[Form]:
@@ -200,10 +213,10 @@ def products(variable: str, every: Array, times: str, second: Array, sharp: floa
     if times == TIME:
         yield _product(variable, coulomb, times, ("time since the start", "linear", 1.0), "1/s")
         for fades in _FADES:
-            yield _product(variable, coulomb, times, (f"what fades within {fades:g} s", "decaying", fades))
+            yield _product(variable, coulomb, times, ("what fades within {:.3g} s", "decaying", fades))
     elif turned:
         for fades in (share * size for share in _WITHIN):
-            yield _product(variable, coulomb, times, (f"what fades within {fades:.2g} rad", "decaying", fades))
+            yield _product(variable, coulomb, times, ("what fades within {:.3g} rad", "decaying", fades))
     else:
         per = _PER[UNITS[times]][0]
         for first, more in ((coulomb, ""), (("linear", "linear", 1.0), _PER[UNITS[variable]][0])):
@@ -227,21 +240,21 @@ def edges(variable: str, every: Array, x: Array, y: Array) -> Iterator[Form]:
         places = np.quantile(along, np.arange(1, _EDGES + 1) / (_EDGES + 1)).tolist()
         apart = float(np.ptp(along)) / _EDGES
         for place in places if apart > 2.0 * _EDGE else ():
-            words = f"place beyond {place:.3g} m along {np.degrees(direction):.0f}° in map"
+            words = f"place beyond {{:.3g}} m along {np.degrees(direction):.0f}° in map"
             form = _product(variable, coulomb, PLACE, (words, "step", _EDGE))
-            yield replace(form, reach=apart, edge=(float(direction), place))
+            yield replace(form, name=form.named.format(place), reach=apart, edge=(float(direction), place))
 
 
 def _product(
     variable: str, first: tuple[str, str, float], times: str, second: tuple[str, str, float], per: str = ""
 ) -> Form:  # fmt: skip
-    """A form from words, name in the model and scale of each factor."""
+    """A form from words, name in the model and scale of each factor; a field in the words is for the second's scale."""
     (name, law, scale), (words, times_law, times_scale) = first, second
-    one, other = _of_one(law, scale), _of_one(times_law, times_scale)
+    one, other, named = _of_one(law, scale), _of_one(times_law, times_scale), f"{name}, times {words}"
     return Form(
-        variable, f"{name}, times {words}", lambda u, r: one(u[..., 0], r) * other(u[..., 1], r), _first, per,
+        variable, named.format(times_scale), lambda u, r: one(u[..., 0], r) * other(u[..., 1], r), _first, per,
         scale=scale, law=law, times=times, times_law=times_law, times_scale=times_scale,
-        reach=_FADES_REACH if times_law == "decaying" else 0.0,
+        reach=_FADES_REACH if times_law == "decaying" else 0.0, named=named if "{" in words else "",
     )  # fmt: skip
 
 

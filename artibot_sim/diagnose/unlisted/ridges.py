@@ -92,10 +92,9 @@ def _refined(
 
 
 def _form(wave: Array, own: bool) -> Form:
-    period = 2.0 * np.pi / float(np.hypot(*wave))
+    period, named = 2.0 * np.pi / float(np.hypot(*wave)), "periodic in place with period {:.3g} m"
     along = float(np.degrees(np.arctan2(wave[1], wave[0])))
     return Form(
         f"{'each wheel’s own place' if own else 'place'} along {along:.0f}° in map",
-        f"periodic in place with period {period:.3g} m", waves(1), amplitude, wave=(float(wave[0]), float(wave[1])),
-        reach=_REACH,
+        named.format(period), waves(1), amplitude, wave=(float(wave[0]), float(wave[1])), reach=_REACH, named=named,
     )  # fmt: skip
