@@ -47,7 +47,7 @@ from artibot_sim.model.robot.parameters import ModuleParams, Params, Train
 from artibot_sim.model.robot.robot import MOTORS, Robot, module_name
 from artibot_sim.model.simulate import trains
 from artibot_sim.model.simulate.commands import Commands
-from artibot_sim.model.simulate.state import State, from_memory, initial_state
+from artibot_sim.model.simulate.state import State, at_rest_on_a_plane, from_memory, initial_state
 
 # ----------------------------------------------------------------------
 # What `rollout` is asked for: modes, steps and rows, checked.
@@ -208,7 +208,12 @@ def prepare(
             f"dt: {dt:g} s is unstable with '{integrator}'; expected at most {longest:.3g} s ({what}); "
             f"take a shorter step{mend}"
         )
-    start = initial_state(robot, t=commands.t0, ground=ground) if state is None else state
+    if state is not None:
+        start = state
+    elif ground is None and isinstance(p, Params):
+        start = at_rest_on_a_plane(robot, p, (0.0, 0.0, 0.0), 0.0, commands.t0)
+    else:
+        start = initial_state(robot, t=commands.t0, ground=ground)
     if len(start.q) != 8 * max(2, len(robot.modules)):
         raise ArtibotError(
             f"state: {len(start.q)} coordinates; robot '{robot.name}' has {8 * max(2, len(robot.modules))}"

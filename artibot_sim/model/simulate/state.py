@@ -65,20 +65,37 @@ class State:
 
     def __post_init__(self) -> None:
         modules = max(2, round(np.size(self.q) / 8))
-        remembered = {"lateral": 4, "bristles": 8, "windup": 4, "behind": 2}
-        for name, share in {"q": 8, "v": 8, "eta": 2, "torque": 2, **remembered}.items():
-            size, given = share * modules, getattr(self, name)
-            remembers_nothing = given is None and name in remembered
-            array = np.zeros(size) if remembers_nothing else np.array(given, dtype=float)
-            if not remembers_nothing and (array.shape != (size,) or not np.isfinite(array).all()):
-                raise ArtibotError(f"state.{name}: found {array!r}, expected {size} finite numbers")
+        given = []
+        for name, share in _SHARES.items():
+            values = getattr(self, name)
+            if values is None and name in _REMEMBERED:
+                array = np.zeros(share * modules)
+            else:
+                array = np.array(values, dtype=float)
+                given.append(array)
+                if array.shape != (share * modules,):
+                    raise _unfit(name, array, share * modules)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+        if not np.isfinite(np.concatenate(given)).all():  # all at once: a rover that is stepped has a state a step
+            name = next(name for name in _SHARES if not np.isfinite(getattr(self, name)).all())
+            raise _unfit(name, getattr(self, name), _SHARES[name] * modules)
 
     @property
     def memory(self) -> Array:
         """A copy of what the wheels remember as the kernels take it (`layout.MEMORY`), of any number of modules."""
         return np.concatenate((self.lateral, self.windup, self.bristles))
+
+
+_SHARES = {"q": 8, "v": 8, "eta": 2, "torque": 2, "lateral": 4, "bristles": 8, "windup": 4, "behind": 2}
+"""How many numbers a state has of each for a module."""
+
+_REMEMBERED = {"lateral", "bristles", "windup", "behind"}
+"""What may be left out."""
+
+
+def _unfit(name: str, array: Array, size: int) -> ArtibotError:
+    return ArtibotError(f"state.{name}: found {array!r}, expected {size} finite numbers")
 
 
 def from_memory(memory: Array) -> tuple[Array, Array, Array]:
@@ -131,16 +148,25 @@ def initial_state(
         raise ArtibotError(f"initial_state: {len(bends)} articulation yaws; robot '{robot.name}' has one joint at most")
     p = params(robot)
     if ground is None:
-        q = posture_at_rest(p, (x, y, yaw), float(bends[0]))
-    else:
-        level, surface = posture_at_rest(p, (0.0, 0.0, 0.0), float(bends[0])), ground.under_wheels(robot.wheel.r_w)
-        q = _settled(p, _moved(level, (x, y, yaw)), PlainEffects(robot.effects, t), surface)
-    eta = np.array([robot.drive.front.eta_d] * 2 + [(robot.drive.back or robot.drive.front).eta_d] * 2)
-    if p.bristle <= 0.0 or ground is not None:
+        return at_rest_on_a_plane(robot, p, (x, y, yaw), float(bends[0]), t)
+    level, surface = posture_at_rest(p, (0.0, 0.0, 0.0), float(bends[0])), ground.under_wheels(robot.wheel.r_w)
+    q = _settled(p, _moved(level, (x, y, yaw)), PlainEffects(robot.effects, t), surface)
+    return State(t, q, np.zeros(16), _efficiencies(robot), np.zeros(4))
+
+
+def at_rest_on_a_plane(robot: Robot, p: Params, pose: tuple[float, float, float], bend: float, t: float) -> State:
+    """`initial_state` of a robot of one or two modules whose numbers are at hand; `bend` is its articulation yaw."""
+    q, eta = posture_at_rest(p, pose, bend), _efficiencies(robot)
+    if p.bristle <= 0.0:
         return State(t, q, np.zeros(16), eta, np.zeros(4))
     bristles, bent = np.zeros((2, 8)), _bent_at_rest(p, q, PlainEffects(robot.effects, t))
     bristles[:, : bent.shape[1]] = bent
     return State(t, q, np.zeros(16), eta, np.zeros(4), bristles=bristles.ravel(), windup=np.sign(bristles[0]))
+
+
+def _efficiencies(robot: Robot) -> Array:
+    """Those of a rover at rest: of motors that drive."""
+    return np.array([robot.drive.front.eta_d] * 2 + [(robot.drive.back or robot.drive.front).eta_d] * 2)
 
 
 def posture_at_rest(
