@@ -49,12 +49,9 @@ class Transcribed:
         inside = away < self._of("friction_patch", "radius")
         return self._of("friction_patch", "scale", 1.0) if inside else 1.0
 
-    def holding(self, mu_s: float, mu_d: float, square: float) -> float:
-        """Coefficient up to which a wheel holds by the square of its slip (m²/s²)."""
-        if self._of("stribeck", "velocity") <= 0:
-            return mu_s
-        early = self._of("stribeck", "early")
-        return (1 - early) * mu_s + early * self.friction(mu_s, mu_d, math.sqrt(square))
+    def early_fall(self) -> float:
+        """How far friction has fallen before a wheel breaks away."""
+        return self._of("stribeck", "early") if self._of("stribeck", "velocity") > 0 else 0.0
 
     def friction(self, mu_s: float, mu_d: float, slip: float) -> float:
         """Coefficient of a wheel that slides at `slip` (m/s)."""

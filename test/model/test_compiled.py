@@ -8,6 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from ros_helpers import ROOT
 
 LATER = {
@@ -38,6 +40,26 @@ def test_other_libraries_are_whole_after_a_rollout() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout.splitlines() == [f"{name}: 0" for name in LATER], done.stderr
+
+
+@pytest.mark.parametrize("left_out", ["coverage", "scipy", "garbage", "coverage,scipy,garbage"])
+def test_results_do_not_depend_on_tricks(left_out: str) -> None:
+    """Those that change no compiled code: what they spare is there again, and the rollout is the same to the bit."""
+    code = (
+        "import sys\n" + ROLLOUT.replace("rollout(", "r = rollout(") + "print(r.q.tobytes().hex()[:4000])\n"
+        "for name in ('coverage', 'scipy.linalg.blas', 'scipy.linalg'): print(name in sys.modules)\n"
+    )
+
+    def done(without: str) -> list[str]:
+        environment = os.environ | {"ARTIBOT_WITHOUT": without}
+        return subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+        ).stdout.splitlines()
+
+    plain, other = done(""), done(left_out)
+    assert other[0] == plain[0]
+    assert plain[2:] == ["False", "False"]
+    assert other[2:] == [str("scipy" in left_out)] * 2
 
 
 USER = (

@@ -157,7 +157,10 @@ def test_every_effect(agriq, effect) -> None:
 
 def test_all_effects_at_once(agriq) -> None:
     side_by_side = [name for name in MODEL_EFFECTS if name not in LAWS]
-    some = (["slope", "com_offset"], ["wheel_resistance", "slip_ratio"], ["stribeck", "slip_ratio", "wheel_runout"])
+    some = (
+        ["slope", "com_offset"], ["wheel_resistance", "slip_ratio"], ["wheel_resistance", "stribeck"],
+        ["stribeck", "slip_ratio", "wheel_runout"],
+    )  # fmt: skip
     robots = [with_effects(agriq, *side_by_side), *(with_effects(agriq, *names) for names in some), agriq]
     used = {extension(with_effects(agriq, *names).effects) for names in (side_by_side, *some, *zip(side_by_side))}
     assert used >= set(EXTENDED), "here and in `test_every_effect`"

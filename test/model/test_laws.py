@@ -23,7 +23,7 @@ ABOUT = {
     "stiffness_by_load": lambda: (abs(1.0 + 0.4 * N()),),
     "stiffness_by_speed": lambda: ((0.5 * N()) ** 2,),
     "lateral_grip": lambda: (),
-    "holding": lambda: (0.8, 0.5, (0.1 * N()) ** 2),
+    "early_fall": lambda: (),
     "friction": lambda: (0.8, 0.5, abs(0.1 * N())),
     "lateral": lambda: (0.3 * N(),),
     "lead": lambda: (0.5 * N(), 0.2 * N()),

@@ -61,6 +61,8 @@ def at_work(effects: Mapping[str, Values]) -> dict[str, tuple[Effect, Values]]:
         if name in effects and effect.active(effects[name])
     }
     named = [name for name, (effect, _) in working.items() if effect.law is not None]
+    if not named:
+        return working
     free = [name for name in LAWS if name not in working]
     if len(named) > len(free):
         raise ArtibotError(f"effects: {', '.join(named)}: a robot has at most {len(LAWS)} laws at work")

@@ -63,6 +63,13 @@ def _stated(first: Hook, second: Hook) -> Hook:
     return both
 
 
+def _largest(first: Hook, second: Hook) -> Hook:
+    def both(*about):
+        return max(first(*about), second(*about))
+
+    return both
+
+
 def _in_turn(first: Hook, second: Hook) -> Hook:
     def both(fx, value):
         return second(fx, first(fx, value))
@@ -88,9 +95,10 @@ class Place(NamedTuple):
     kind : str
         What its answers take, by which versions of the loops over rovers side by side ask here
         (`lane_layout.VERSIONS`): "" little, so that every version asks; "resistance" a root and a quotient for every
-        wheel, which most robots that are skid-steered have in all their fits; "speed" and "slip" exponentials and roots
-        for every wheel; "seldom" the same, of effects that are tried seldom; "windup" and "bristles" what wheels
-        remember; "transfer" the wheels' forces three times over.
+        wheel, which most robots that are skid-steered have in all their fits; "motor" what motors with loops and limits
+        of their own hold through a step; "speed" and "slip" exponentials and roots for every wheel; "seldom" the same,
+        of effects that are tried seldom; "windup" and "bristles" what wheels remember; "transfer" the wheels' forces
+        three times over.
     """
 
     combine: Callable[[Hook, Hook], Hook]
@@ -126,11 +134,11 @@ The square is asked about, for it takes no root.
 lateral_grip = _place("lateral_grip", _product)
 """(fx) → friction across a wheel over that along it."""
 
-holding = _place("holding", _chain, "slip")
-"""(fx, mu_s, mu_d, square) → coefficient up to which a wheel holds that slips at the root of `square` (m²/s²)."""
-
 friction = _place("friction", _chain, "slip")
 """(fx, mu_s, mu, slip) → coefficient of a wheel that slides at `slip` (m/s) and would have `mu` without."""
+
+early_fall = _place("early_fall", _largest, "slip")
+"""(fx) → how far friction has fallen from mu_s towards `friction` before a wheel breaks away, 0 to 1."""
 
 lateral = _place("lateral", _sum)
 """(fx, p_y) → lateral force on top of eq. 16's, N."""
@@ -163,17 +171,17 @@ radius = _place("radius", _product, "seldom")
 drag = _place("drag", _sum)
 """(fx, motor, theta_dot) → torque against a motor's rotation, N m; it vanishes at rest."""
 
-gear = _place("gear", _sum)
+gear = _place("gear", _sum, "motor")
 """(fx, theta_dot) → the same of every motor that has a gear, beside `drag`, N m."""
 
-limits = _place("limits", _narrowing)
+limits = _place("limits", _narrowing, "motor")
 """(fx, theta_dot, low, high) → what is left of a motor's torques from low to high, N m."""
 
-loop = _place("loop", _stated, "seldom")
+loop = _place("loop", _stated, "motor")
 """(fx, error, behind) → torque (N m) of a motor that is driven at a speed `error` (rad/s), whose integral is `behind`
 (rad); NaN for whatever it takes to follow."""
 
-wound = _place("wound", _in_turn, "seldom")
+wound = _place("wound", _in_turn, "motor")
 """(fx, behind) → what is left of that integral, rad; zero for a motor that has none."""
 
 shaft = _place("shaft", _sum)

@@ -10,12 +10,9 @@ from artibot_sim.model.kernels.elementary import exp
 
 
 @inlined
-def holding(fx, mu_s, mu_d, square):
-    """Coefficient up to which a wheel holds that slips at the root of `square` (m²/s²)."""
-    early = fx.stribeck.early
-    if early <= 0.0 or fx.stribeck.velocity <= 0.0:  # before a root is taken
-        return mu_s
-    return mu_s + early * (friction(fx, mu_s, mu_d, math.sqrt(square)) - mu_s)
+def early_fall(fx):
+    """How far the coefficient has fallen from mu_s before a wheel breaks away: 1 as once it slides."""
+    return fx.stribeck.early if fx.stribeck.velocity > 0.0 else 0.0
 
 
 @inlined
@@ -37,6 +34,6 @@ EFFECT = Effect(
         "velocity": number("m/s", 0.0, math.inf, "slip speed over which friction falls"),
         "early": number("-", 0.0, 1.0, "how far it has fallen before a wheel breaks away: 1 as once it slides"),
     },
-    hooks={"holding": holding, "friction": friction},
+    hooks={"early_fall": early_fall, "friction": friction},
     search=Search({"velocity": 0.08}, ((0.3,), (1.0,), (2.5,)), least=0.05),
 )

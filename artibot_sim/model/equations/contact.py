@@ -200,8 +200,9 @@ def within_friction(body, fx, F_l, F_t, F_n, N, mu_s, mu_d, slip_l, slip_t, here
     """
     F_h2 = F_l * F_l + F_t * F_t
     limit = mu_s * N
-    if fx is not None:
-        limit = N * hooks.holding(fx, mu_s, mu_d, slip_l * slip_l + slip_t * slip_t)
+    if fx is not None and hooks.early_fall(fx) > 0.0:  # before a root is taken
+        mu = hooks.friction(fx, mu_s, mu_d, math.sqrt(slip_l * slip_l + slip_t * slip_t))
+        limit = N * (mu_s + hooks.early_fall(fx) * (mu - mu_s))
     if F_h2 > limit * limit:
         if fx is not None:
             mu_d = hooks.friction(fx, mu_s, mu_d, math.sqrt(slip_l * slip_l + slip_t * slip_t))
@@ -218,8 +219,9 @@ def within_friction_lanes(body, fx, F_l, F_t, F_n, N, mu_s, mu_d, slip_l, slip_t
     F_h2 = F_l * F_l + (F_t * F_t + 1e-30)  # so that there is a root to divide by
     limit = mu_s * N
     if fx is not None:
-        limit = N * hooks.holding(fx, mu_s, mu_d, slip_l * slip_l + slip_t * slip_t)
+        early = hooks.early_fall(fx)
         mu_d = hooks.friction(fx, mu_s, mu_d, math.sqrt(slip_l * slip_l + slip_t * slip_t))
+        limit = N * (mu_s + early * (mu_d - mu_s) if early > 0.0 else mu_s)
     held = mu_d * F_n * inverse_root(F_h2)
     held = held if F_h2 > limit * limit else 1.0
     return F_l * held, F_t * held, held

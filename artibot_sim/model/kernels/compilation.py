@@ -10,13 +10,33 @@ import importlib.util
 import os
 import sys
 import time
-import types
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
 
 from artibot_sim import progress
+
+# ----------------------------------------------------------------------
+# Tricks, and how each is left out.
+# ----------------------------------------------------------------------
+
+
+TRICKS = {
+    "coverage": "numba is imported without `coverage`",
+    "scipy": "numba gets the one module of SciPy that it asks for",
+    "garbage": "no search for garbage while numba is imported or compiles",
+    "stack": "loops over rovers side by side have their stack begin where a line of the cache does",
+    "contraction": "a product and a sum become one operation, and no zero has a sign",
+}
+"""What is done beside numba's own ways, by the name that leaves it out: ``ARTIBOT_WITHOUT=scipy,stack``.
+
+What each gains stands in docs/performance.md. Results are the same without; without contraction to rounding.
+"""
+
+_WITHOUT = frozenset(os.environ.get("ARTIBOT_WITHOUT", "").split(",")) & TRICKS.keys()
+
 
 # ----------------------------------------------------------------------
 # Numba, imported without what takes a third of the time until a first rollout and is never used here.
@@ -32,8 +52,9 @@ def _undisturbed() -> Iterator[None]:
 
     Numba imports coverage wherever it is installed, in case somebody measures with it.
     """
-    collects, absent = gc.isenabled(), "coverage" not in sys.modules
-    gc.disable()
+    collects, absent = gc.isenabled() and "garbage" not in _WITHOUT, "coverage" not in {*sys.modules, *_WITHOUT}
+    if collects:
+        gc.disable()
     if absent:
         sys.modules["coverage"] = None  # type: ignore[assignment]  # so says Python that something cannot be imported
     try:
@@ -52,12 +73,12 @@ def _spare_scipy() -> None:
     time to a first rollout. Nothing changes for whoever imports `scipy.linalg` later.
     """
     package = "scipy.linalg"
-    if package in sys.modules or importlib.util.find_spec("scipy") is None:
+    if package in sys.modules or "scipy" in _WITHOUT or importlib.util.find_spec("scipy") is None:
         return
     spec = importlib.util.find_spec(package)
     if spec is None or spec.submodule_search_locations is None:
         return
-    stand_in = types.ModuleType(package)
+    stand_in = ModuleType(package)
     stand_in.__path__ = list(spec.submodule_search_locations)
     sys.modules[package] = stand_in
     try:
@@ -71,8 +92,10 @@ def _spare_scipy() -> None:
 
 with _undisturbed():
     import numba
-    from numba.core import config, event
+    from llvmlite import ir
+    from numba.core import cgutils, config, event, types
     from numba.core.caching import FunctionCache, IndexDataCacheFile
+    from numba.extending import intrinsic
 
     _spare_scipy()
 
@@ -84,7 +107,7 @@ with _undisturbed():
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-_FAST = {"contract", "nsz"}
+_FAST: set[str] = set() if "contraction" in _WITHOUT else {"contract", "nsz"}
 """Contraction to fused multiply-adds only: no reordering, and NaN stays visible to the divergence check."""
 
 
@@ -97,6 +120,8 @@ def cache_folder() -> Path:
     digest = hashlib.sha256()
     for source in sorted(Path(__file__).parents[1].rglob("*.py")):
         digest.update(source.read_bytes())
+    for trick in sorted(_WITHOUT & {"stack", "contraction"}):
+        digest.update(trick.encode())
     root = os.environ.get("ARTIBOT_CACHE_DIR") or os.path.join(
         os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "artibot"
     )
@@ -157,7 +182,8 @@ class _Uncollected(event.Listener):
             gc.enable()
 
 
-event.register("numba:compile", _Uncollected())
+if "garbage" not in _WITHOUT:
+    event.register("numba:compile", _Uncollected())
 
 
 @functools.cache
@@ -294,3 +320,24 @@ def kernel(function: Function) -> Function:
     It allocates nothing either: counting references to arrays would cost half of its speed.
     """
     return _jit(function, nogil=True, _nrt=False, no_cfunc_wrapper=True)
+
+
+def _line_up_stack(typing_context: Any) -> Any:
+    """Have the stack of the loop that calls this begin where a line of the cache does.
+
+    Compilers put aside in the stack what registers have no room for. They line it up only where something there wants
+    that: here a variable that nobody reads.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        if "stack" not in _WITHOUT:
+            variable = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), 8))
+            variable.align = 64
+            empty = ir.FunctionType(ir.VoidType(), [variable.type])
+            builder.asm(empty, "", "r", [variable], side_effect=True)
+        return context.get_dummy_value()
+
+    return types.none(), generate
+
+
+line_up_stack: Any = intrinsic(_line_up_stack)

@@ -8,8 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
-from numba.core import cgutils, types
+from numba.core import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
@@ -38,9 +37,10 @@ def flat(record: Any) -> NDArray[np.float64]:
 VERSIONS: tuple[frozenset[str], ...] = tuple(
     frozenset({"", *kinds.split()})
     for kinds in (
-        "", "resistance", "speed", "resistance speed", "resistance seldom", "resistance slip", "resistance transfer",
-        "resistance speed seldom slip", "resistance windup", "resistance speed seldom slip windup bristles",
-        "resistance speed seldom slip windup bristles transfer",
+        "", "resistance", "motor", "speed", "resistance speed", "slip", "resistance slip", "resistance seldom motor",
+        "resistance transfer", "resistance windup", "resistance speed seldom slip motor",
+        "resistance speed seldom slip motor windup bristles",
+        "resistance speed seldom slip motor windup bristles transfer",
     )
 )  # fmt: skip
 """Which kinds of places (`effects.hooks.Place`) are asked by each version of the extended model.
@@ -52,8 +52,20 @@ much has a version to itself and costs the others nothing.
 EXTENDED: tuple[tuple[float, ...], ...] = tuple((1.0,) * (k + 1) for k in range(len(VERSIONS)))
 """Stand for the versions as `fx` of lanes: the compiler knows their lengths."""
 
-LAGGING, WOUND, BRISTLED = 6, 9, 10
-"""Lengths of `fx` from which on normal forces may move or lateral forces lag, wheels may wind up, and have bristles."""
+
+def _asking(*kinds: str) -> tuple[bool, ...]:
+    """Which of EXTENDED, by their lengths, ask places of any of these kinds; the compiler knows what it finds there."""
+    return (False, *(not asked.isdisjoint(kinds) for asked in VERSIONS))
+
+
+LIMITED = _asking("motor")
+"""Motors may have gears that take a torque of their own, limits, and velocity loops."""
+
+LAGGING = _asking("slip", "transfer", "windup", "bristles")
+"""Normal forces may move, or lateral forces lag."""
+
+WOUND, BRISTLED = _asking("windup", "bristles"), _asking("bristles")
+"""Wheels may wind up, and have bristles: they remember more."""
 
 
 def _kinds(effect: Effect) -> set[str]:
@@ -138,26 +150,6 @@ def aligned(size: int) -> NDArray[np.float64]:
     room = np.zeros(size + line // 8)
     first = -room.ctypes.data % line // 8
     return room[first : first + size]
-
-
-def _line_up_stack(typing_context: Any) -> Any:
-    """Have the stack of the loop that calls this begin where a line of the cache does.
-
-    Compilers put aside in the stack what registers have no room for. They line it up only where something there wants
-    that: here a variable that nobody reads.
-    """
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        variable = cgutils.alloca_once(builder, ir.ArrayType(ir.DoubleType(), 8))
-        variable.align = 64
-        empty = ir.FunctionType(ir.VoidType(), [variable.type])
-        builder.asm(empty, "", "r", [variable], side_effect=True)
-        return context.get_dummy_value()
-
-    return types.none(), generate
-
-
-line_up_stack: Any = intrinsic(_line_up_stack)
 
 
 _NUMBERS = {

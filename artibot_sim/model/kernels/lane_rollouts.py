@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.model.equations.dynamics import module_gravity
-from artibot_sim.model.kernels.compilation import inlined, kernel
+from artibot_sim.model.kernels.compilation import inlined, kernel, line_up_stack
 from artibot_sim.model.kernels.integrators import TRAIL, MotorCommands, accelerations, hold_efficiencies
-from artibot_sim.model.kernels.lane_layout import AT, EFFECT_VALUES, LANES, SIZE, effects_at, line_up_stack
+from artibot_sim.model.kernels.lane_layout import AT, EFFECT_VALUES, LANES, SIZE, effects_at
 from artibot_sim.model.kernels.lane_loading import PLACES, load_lane, load_motors
 from artibot_sim.model.kernels.lanes import check, cubics, end_stage, leave_knot, next_knot, sound_rows, stage
 from artibot_sim.model.kernels.layout import BACK, BEHIND, FRONT, MEMORY

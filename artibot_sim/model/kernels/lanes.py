@@ -38,6 +38,7 @@ from artibot_sim.model.kernels.lane_layout import (
     LANES,
     LIMIT_Q,
     LIMIT_V,
+    LIMITED,
     MOTORS,
     SIZE,
     WOUND,
@@ -59,7 +60,7 @@ def follow_command(S, fx, j, s):
     d, d_dot, d_ddot = cubic_at(c_0, c_1, c_2, c_3, s)
     theta, speed = S[AT.Q_S + MOTORS + j], S[AT.V_S + MOTORS + j]
     S[AT.ACC + MOTORS + j] = follow(S[AT.DAMPING + j], S[AT.STIFFNESS + j], theta, speed, d, d_dot, d_ddot)
-    if fx is not None:
+    if fx is not None and LIMITED[len(fx)]:
         S[AT.ERROR + j], S[AT.TRAIL_S + j] = d_dot - speed, d - theta
     omega = S[AT.TAU + j] * speed
     S[AT.RIM + j], S[AT.SIGN + j] = S[AT.R_W + j] * omega, math.copysign(1.0, omega)
@@ -82,11 +83,12 @@ def drag_motors(S, fx, k, t):
             hooks.drag(effects, MOTOR[2], right_b) + hooks.gear(effects, right_b),
             hooks.drag(effects, MOTOR[3], left_b) + hooks.gear(effects, left_b),
         )  # fmt: skip
-        for motor in range(4):
-            j = motor * LANES + e
-            most = S[AT.TORQUE_MAX + j]
-            S[AT.LOW + j], S[AT.HIGH + j] = hooks.limits(effects, S[AT.V_S + MOTORS + j], -most, most)
-            ask_loop(S, effects, k, j)
+        if LIMITED[len(fx)]:
+            for motor in range(4):
+                j = motor * LANES + e
+                most = S[AT.TORQUE_MAX + j]
+                S[AT.LOW + j], S[AT.HIGH + j] = hooks.limits(effects, S[AT.V_S + MOTORS + j], -most, most)
+                ask_loop(S, effects, k, j)
 
 
 @inlined
@@ -121,6 +123,7 @@ def turn_motors(S, fx):
         low, high = -S[AT.TORQUE_MAX + j], S[AT.TORQUE_MAX + j]
         if fx is not None:
             load += S[AT.DRAG + j]
+        if fx is not None and LIMITED[len(fx)]:
             low, high = S[AT.LOW + j], S[AT.HIGH + j]
         S[AT.TORQUE + j], S[AT.ACC + MOTORS + j] = motor_equation(
             S[AT.INERTIA + j], S[AT.INV_J + j], load, S[AT.ACC + MOTORS + j], S[AT.HELD + j], low, high
@@ -299,9 +302,9 @@ def kept_of(S, at):
 def put_rates(S, fx, at, right, left):
     """How fast what the wheels of a module remember changes."""
     put4(S, at, right.rate_f, right.rate_b, left.rate_f, left.rate_b)
-    if len(fx) >= WOUND:
+    if WOUND[len(fx)]:
         put4(S, at + 8 * LANES, right.wound_f, right.wound_b, left.wound_f, left.wound_b)
-    if len(fx) >= BRISTLED:
+    if BRISTLED[len(fx)]:
         put4(S, at + 16 * LANES, right.bent_f[0], right.bent_b[0], left.bent_f[0], left.bent_b[0])
         put4(S, at + 24 * LANES, right.bent_f[1], right.bent_b[1], left.bent_f[1], left.bent_b[1])
 
@@ -354,7 +357,7 @@ def move_modules(S, fx, t):
         S[a], S[a + LANES], S[a + 2 * LANES] = on_f
         S[a + 3 * LANES], S[a + 4 * LANES], S[a + 5 * LANES] = on_b
         put4(S, AT.AT_RIM + e, right_f.at_rim, left_f.at_rim, right_b.at_rim, left_b.at_rim)
-        if fx is not None and len(fx) >= LAGGING:
+        if fx is not None and LAGGING[len(fx)]:
             put4(S, AT.U_F_N + e, right_f.u_F_n, left_f.u_F_n, right_b.u_F_n, left_b.u_F_n)
             put_rates(S, fx, AT.LAG_RATE + e, right_f, left_f)
             put_rates(S, fx, AT.LAG_RATE + 4 * LANES + e, right_b, left_b)
@@ -377,7 +380,7 @@ def move_rigid(S, fx, t):
         a = AT.ACC + e
         S[a], S[a + LANES], S[a + 2 * LANES] = rigid_accelerations(body, ground, effects, at, s, c, right, left)
         S[AT.AT_RIM + e], S[AT.AT_RIM + LANES + e] = right.at_rim, left.at_rim
-        if fx is not None and len(fx) >= LAGGING:
+        if fx is not None and LAGGING[len(fx)]:
             S[AT.U_F_N + e], S[AT.U_F_N + LANES + e] = right.u_F_n, left.u_F_n
             put_rates(S, fx, AT.LAG_RATE + e, right, left)
 
@@ -461,8 +464,8 @@ def stage(S, fx, k, s, elapsed, dt, turning, rigid=None):
 def end_stage(S, fx, k, dt):
     """To the next stage, and after the last one to the next step."""
     next_state(S, k, dt)
-    if fx is not None and len(fx) >= LAGGING:
-        next_lag(S, MEMORY if len(fx) >= BRISTLED else 16 if len(fx) >= WOUND else 8, k, dt)
+    if fx is not None and LAGGING[len(fx)]:
+        next_lag(S, MEMORY if BRISTLED[len(fx)] else 16 if WOUND[len(fx)] else 8, k, dt)
 
 
 @inlined

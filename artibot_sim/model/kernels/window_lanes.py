@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.model.kernels.compilation import inlined, kernel
-from artibot_sim.model.kernels.lane_layout import AT, BLOCK, EFFECT_VALUES, LANES, aligned, effects_at, line_up_stack
+from artibot_sim.model.kernels.compilation import inlined, kernel, line_up_stack
+from artibot_sim.model.kernels.lane_layout import AT, BLOCK, EFFECT_VALUES, LANES, aligned, effects_at
 from artibot_sim.model.kernels.lane_loading import load_lane, load_motors
 from artibot_sim.model.kernels.lanes import (
     check,

@@ -352,10 +352,9 @@ def _eq_16(
     """
     narrow, slip = 1.0 / fx.ask("lateral_grip"), math.hypot(rolling.slip, rolling.p_y)
     mu_s, mu_d = soil.grip * mount.body.mu_s, soil.grip * mount.body.mu_d
-    F_h = math.hypot(F[0], narrow * F[1])
-    if F_h <= fx.ask("holding", mu_s, mu_d, slip**2) * deciding:
+    F_h, mu = math.hypot(F[0], narrow * F[1]), fx.ask("friction", mu_s, mu_d, slip)
+    if F_h <= (mu_s + fx.ask("early_fall") * (mu - mu_s)) * deciding:
         return 1.0, np.zeros(2)
-    mu = fx.ask("friction", mu_s, mu_d, slip)
     return mu * F_n / F_h, mu / F_h * F[::-1]
 
 
