@@ -47,7 +47,6 @@ from artibot_sim.diagnose.words import (
     law_words,
     lost,
     odds,
-    verb_of,
     way_words,
     windows_words,
 )
@@ -571,21 +570,30 @@ def sureness(found: Diagnosis) -> str:
     rival = best_rival(found)
     if rival is not None:
         parts.append(f"The best other effect is {_rival(rival)}.")
-    # each cause was judged beside those before it, which may be worth little without those after it: all count at once
-    it = "it" if len(found.causes) == 1 else f"all {len(found.causes)} causes"
-    share = 100 * (1.0 - float(np.prod([1.0 - one.holdout_improvement for one in found.causes])))
+    it = "it" if len(found.causes) == 1 else "them"
+    parts += _held_out_errors(found, it)
     stated = sum(one.holdout_log10_likelihood for one in found.causes)
-    if np.isfinite(share) and share <= -0.5:
-        few = ", in a few windows, for most are likelier" if stated > 0 else ""
-        parts.append(
-            f"On held-out data {verb_of(it, 'predicts')} worse: the error beyond noise grows by {-share:.0f} %{few}."
-        )
-    elif np.isfinite(share):
-        parts.append(f"Of the error beyond noise on held-out data {verb_of(it, 'removes')} {share:.0f} %.")
     if np.isfinite(stated):
-        them = "it" if it == "it" else "them"
-        parts.append(f"Held-out data speak {'for' if stated >= 0 else 'against'} {them}, {odds(abs(stated))}.")
+        parts.append(f"Held-out data speak {'for' if stated >= 0 else 'against'} {it}, {odds(abs(stated))}.")
     return " ".join(parts)
+
+
+def _held_out_errors(found: Diagnosis, it: str) -> list[str]:
+    """By how much the error changes in each channel that errs beyond its noise; `it` are the causes.
+
+    Channels are not summed: the one with the least noise would decide, whatever the others gain.
+    """
+    changes = []
+    for name, gain in found.gain.items():
+        base = found.baseline.get(name)
+        if base is None or gain.before <= base.noise:
+            continue
+        low, high = gain.ci95
+        unsure = " (not sure)" if low <= 0.0 <= high else ""
+        changes.append(
+            f"{channel_words(name)} {100 * (gain.after / gain.before - 1.0):+.0f} %{unsure}".replace("-", "−")
+        )
+    return [f"Held-out errors with {it}: {', '.join(changes)}."] if changes else []
 
 
 def not_named(found: Diagnosis) -> str:

@@ -122,10 +122,6 @@ def lost_share(before: float, after: float) -> float:
     return 1.0 - after / before if before > 0 else 0.0
 
 
-def verb_of(it: str, verb: str) -> str:
-    return f"{it} {verb if it == 'it' else verb.removesuffix('s')}"
-
-
 def windows_words(candidate: Candidate) -> str:
     """Of how many of the windows a candidate's evidence is; empty where it is of all."""
     return "" if candidate.windows >= 1.0 else f"{100 * candidate.windows:.0f} % of the windows"

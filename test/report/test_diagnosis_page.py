@@ -54,22 +54,30 @@ def markup(found: Diagnosis) -> str:
     return re.sub(r"<script>.*?</script>", "", page_of(found, "0").decode(), flags=re.S)
 
 
-def test_a_cause_that_predicts_worse_is_said_to(named: Diagnosis) -> None:
-    (cause, *others) = named.causes
-    worse = replace(named, causes=(replace(cause, holdout_improvement=-2.29), *others))
-    assert "the error beyond noise grows by 229 %" in result.sureness(worse)
-    assert "removes" in result.sureness(named) and "removes" not in result.sureness(worse)
+def test_held_out_errors_are_said_channel_by_channel(named: Diagnosis) -> None:
+    """On a Husky the position gained a quarter and the heading nothing sure: one sum of both said worse."""
+    position, other = named.gain["position"], next(one for one in named.baseline if one != "position")
+    assert "Held-out errors with it: position −" in result.sureness(named)
+    better = replace(position, before=0.20, after=0.15, ci95=(0.03, 0.07))
+    error = 10.0 * named.baseline[other].noise
+    unsure = replace(position, before=error, after=1.05 * error, ci95=(-0.1 * error, 0.01 * error))
+    said = result.sureness(replace(named, gain={"position": better, other: unsure}))
+    assert f"position −25 %, {channel_words(other)} +5 % (not sure)." in said
+    worse = replace(position, before=error, after=1.25 * error, ci95=(-0.4 * error, -0.1 * error))
+    assert f"{channel_words(other)} +25 %." in result.sureness(replace(named, gain={other: worse}))
 
 
-def test_causes_that_help_only_together_are_judged_together(named: Diagnosis) -> None:
-    """Of a Warthog on asphalt the first one alone made the mean square worse, which the second one brought down."""
+def test_a_channel_within_its_noise_has_no_error_to_lose(named: Diagnosis) -> None:
+    within = replace(named.gain["position"], before=0.5 * named.baseline["position"].noise)
+    assert "Held-out errors" not in result.sureness(replace(named, gain={"position": within}))
+
+
+def test_held_out_evidence_of_causes_is_summed(named: Diagnosis) -> None:
+    """Of a Warthog on asphalt the first cause alone predicted worse, and both together far better."""
     (cause, *_) = named.causes
-    first = replace(cause, holdout_improvement=-0.25, holdout_log10_likelihood=3.0)
-    second = replace(cause, effect="payload", holdout_improvement=0.8, holdout_log10_likelihood=40.0)
-    said = result.sureness(replace(named, causes=(first, second)))
-    assert "all 2 causes remove 75 %" in said and "speak for them, 10⁴³ to 1" in said and "worse" not in said
-    alone = result.sureness(replace(named, causes=(first,)))
-    assert "grows by 25 %, in a few windows, for most are likelier" in alone
+    first = replace(cause, holdout_log10_likelihood=3.0)
+    second = replace(cause, effect="payload", holdout_log10_likelihood=40.0)
+    assert "speak for them, 10⁴³ to 1" in result.sureness(replace(named, causes=(first, second)))
 
 
 @pytest.mark.parametrize(
