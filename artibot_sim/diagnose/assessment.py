@@ -15,7 +15,14 @@ from artibot_sim.diagnose.remains import COMMANDED
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.timetable import Task, Timetable
 from artibot_sim.diagnose.unlisted.fitting import FittedLaws
-from artibot_sim.diagnose.validation.predictions import PredictionPair, baseline_levels, gains, improvements, predict
+from artibot_sim.diagnose.validation.predictions import (
+    PredictionPair,
+    baseline_levels,
+    gains,
+    improvements,
+    likelihood_interval,
+    predict,
+)
 from artibot_sim.diagnose.validation.series import comparison, with_commands
 from artibot_sim.diagnose.validation.varying_ground import beside_varying_ground
 from artibot_sim.estimation.checks.common_map import in_common_map
@@ -115,7 +122,8 @@ class Assessor:
         driven = [one.channels[COMMANDED] for one in comparisons if one.held_out and COMMANDED in one.channels]
         gained = improvements(decision, held_out, extended, view, options)
         gain = gains(held_out, driven if view.followed else [], options.seed)
-        worth = HeldOut(gained, gain, _beside_varying(decision, held_out, options))
+        beside_varying = _beside_varying(decision, held_out, options)
+        worth = HeldOut(gained, gain, beside_varying, likelihood_interval(held_out, gained, options.seed))
         before, after = (tuple(getattr(pair, name) for pair in pairs) for name in ("before", "after"))
         return Assessment(
             baseline, extended, effects, channels, comparisons, before, after, worth, decision.whole, decision.laws

@@ -36,11 +36,14 @@ class HeldOut:
     beside_varying : (float, float) or None
         Nats by which held-out windows are likelier with the effects, where the ground may vary in both models: an
         interval outside of which lies the share of false alarms. None where that was not asked.
+    likelier : (float, float) or None
+        95 % interval of the nats by which held-out recordings are likelier with all that is named.
     """
 
     gained: Mapping[str, Worth]
     gain: Mapping[str, ChannelGain]
     beside_varying: tuple[float, float] | None = None
+    likelier: tuple[float, float] | None = None
 
     def fact(self, decision: Decision) -> str:
         """As the tables ask for it."""

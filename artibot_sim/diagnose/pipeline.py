@@ -212,6 +212,7 @@ def result_of(
         ranking=ranking(decision, options.thresholds),
         unexplained=_unexplained(decision, assessed),
         gain=assessed.worth.gain,
+        holdout_likelier=_decades(assessed.worth.likelier),
         next_experiment=_next(decision, channels),
         warnings=(
             *map(_withdrawn, found.withdrawn),
@@ -228,6 +229,10 @@ def result_of(
         seed=options.seed,
         left=decision.left,
     )
+
+
+def _decades(nats: tuple[float, float] | None) -> tuple[float, float] | None:
+    return None if nats is None else (nats[0] / DECADE, nats[1] / DECADE)
 
 
 def _causes(decision: Decision, effects: Parameters, gained: Mapping[str, Worth]) -> tuple[Cause, ...]:

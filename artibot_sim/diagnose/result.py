@@ -141,6 +141,9 @@ class Diagnosis:
         Delay, hold, scale and sign of each stream as it was recorded: topic → recording → `stream_values`.
     search : SearchReport or None
         What the search for the soil says of itself.
+    holdout_likelier : (float, float) or None
+        95 % interval of the decades by which held-out data are likelier with all that is named. Far errors weigh
+        little: a pose that was lost in a few windows decides an RMSE, and not this. None where nothing was held out.
     """
 
     verdict: Verdict
@@ -175,6 +178,7 @@ class Diagnosis:
     findings: tuple[str, ...] = ()
     streams: StreamTable = field(default_factory=dict)
     search: SearchReport | None = None
+    holdout_likelier: tuple[float, float] | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """All but robots and pictures' data, as plain data for JSON; what is not a number is null there."""
@@ -190,6 +194,7 @@ class Diagnosis:
             "causes": [_cause(cause, self.varies) for cause in self.causes],
             "unexplained": _unexplained_entry(self.unexplained) if self.unexplained else None,
             "gain": {name: _numbers(vars(channel)) for name, channel in self.gain.items()},
+            "holdout_likelier": _numbers(self.holdout_likelier),
             "next_experiment": _numbers(vars(self.next_experiment)) if self.next_experiment else None,
             "ranking": [_numbers(vars(candidate)) for candidate in self.ranking],
             "findings": list(self.findings),
@@ -574,8 +579,17 @@ def sureness(found: Diagnosis) -> str:
     parts += _held_out_errors(found, it)
     stated = sum(one.holdout_log10_likelihood for one in found.causes)
     if np.isfinite(stated):
-        parts.append(f"Held-out data speak {'for' if stated >= 0 else 'against'} {it}, {odds(abs(stated))}.")
+        way = "for" if stated >= 0.0 else "against"
+        parts.append(f"Held-out data speak {way} {it}, {odds(abs(stated))}{_surely(found, stated)}.")
     return " ".join(parts)
+
+
+def _surely(found: Diagnosis, stated: float) -> str:
+    """How sure the sign is of what held-out data state; empty where their windows say nothing of it."""
+    if found.holdout_likelier is None:
+        return ""
+    least = min(found.holdout_likelier) if stated >= 0.0 else -max(found.holdout_likelier)
+    return f" (surely: at least {odds(least)})" if least > 0.0 else " (not sure)"
 
 
 def _held_out_errors(found: Diagnosis, it: str) -> list[str]:

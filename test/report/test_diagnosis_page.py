@@ -77,7 +77,13 @@ def test_held_out_evidence_of_causes_is_summed(named: Diagnosis) -> None:
     (cause, *_) = named.causes
     first = replace(cause, holdout_log10_likelihood=3.0)
     second = replace(cause, effect="payload", holdout_log10_likelihood=40.0)
-    assert "speak for them, 10⁴³ to 1" in result.sureness(replace(named, causes=(first, second)))
+    both = replace(named, causes=(first, second))
+    for likelier, words in (
+        (None, "10⁴³ to 1."),
+        ((20.0, 70.0), "10⁴³ to 1 (surely: at least 10²⁰ to 1)."),
+        ((-5.0, 90.0), "10⁴³ to 1 (not sure)."),
+    ):
+        assert f"speak for them, {words}" in result.sureness(replace(both, holdout_likelier=likelier))
 
 
 @pytest.mark.parametrize(
@@ -389,6 +395,7 @@ def test_a_law_stands_on_the_page_as_a_formula_and_a_curve_with_what_it_gains(ev
 def test_files_give_the_diagnosis_back(every: dict[Verdict, Diagnosis], tmp_path: Path) -> None:
     for verdict, found in [*every.items(), (Verdict.UNEXPLAINED, with_law(every[Verdict.UNEXPLAINED]))]:
         folder = tmp_path / f"{verdict.value}{found.extends}"
+        found = replace(found, holdout_likelier=(3.0, 9.5)) if found.extends else found
         write_folder(folder, files_of(found, b"page"))
         again = load(folder)
         assert again.as_dict() == found.as_dict()

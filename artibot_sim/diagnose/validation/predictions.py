@@ -227,7 +227,7 @@ def improvements(
     names = [one.name for one in seen]
     neutral = [pair.before for pair in pairs]
     before = excess(neutral, _followed(view, extended, names, "before"), levels)
-    likely = _likelihoods([neutral, *held])
+    likely = _likelihoods([neutral, *held]).sum(axis=-1).tolist()
     stated = view_with(view, seen, decision.neutral_problem.parameters.robot)
     from_commands = [0.0, *map(stated.nats, robots)]
     found = {}
@@ -238,17 +238,47 @@ def improvements(
     return found
 
 
-def _likelihoods(models: Sequence[Sequence[PredictedRecording]]) -> list[float]:
-    """Log-likelihoods of the same recordings by several models, a constant apart; the last one says what noise is."""
+def likelihood_interval(
+    pairs: Sequence[PredictionPair], gained: Mapping[str, Worth], seed: int
+) -> tuple[float, float] | None:
+    """95 % interval of the nats by which recordings are likelier with all causes, from windows drawn anew.
+
+    The likelihood weighs errors by their noise and far ones little, so that a few windows in which a localisation was
+    lost do not decide it. What commands say has no windows and is taken as it is.
+
+    Parameters
+    ----------
+    pairs : sequence of PredictionPair
+        Of what was held out.
+    gained : mapping of str to Worth
+        What `improvements` gives.
+
+    Returns
+    -------
+    (float, float) or None
+        None where there are no causes or no windows.
+    """
+    before, after = _likelihoods([[pair.before for pair in pairs], [pair.after for pair in pairs]])
+    if not gained or not len(after):
+        return None
+    of_windows, rng = after - before, np.random.default_rng(seed)
+    drawn = [of_windows[rng.integers(0, len(after), len(after))].sum() for _ in range(_DRAWS)]
+    from_commands = sum(one.nats for one in gained.values()) - of_windows.sum()
+    low, high = (np.quantile(drawn, (0.025, 0.975)) + from_commands).tolist()
+    return low, high
+
+
+def _likelihoods(models: Sequence[Sequence[PredictedRecording]]) -> Array:
+    """Log-likelihoods of the same windows (models, windows), a constant apart; the last model says what noise is."""
     windows = [window for held in models[-1] for window in held.windows]
     if not windows:
-        return [0.0] * len(models)
+        return np.zeros((len(models), 0))
     each = [[residual for held in model for residual in held.residuals] for model in models]
     levels = np.maximum(merged(channel_levels(windows, each[-1])), 1.0)
     samples = WindowSamples.of(windows)
     flat = np.array([np.concatenate(one) / levels[samples.channel] for one in each])
     loss = Loss(1.0, thinning(windows, Parts(flat[-1], samples.begin)), firm=True)
-    return (-0.5 * loss.totals(samples, flat).sum(axis=-1)).tolist()
+    return np.asarray(-0.5 * loss.totals(samples, flat), float)
 
 
 def is_refuted(gained: Mapping[str, Worth], gain: Mapping[str, ChannelGain]) -> bool:

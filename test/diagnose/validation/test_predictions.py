@@ -12,7 +12,7 @@ from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.records import EffectEstimate, Options
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.forward import SearchStage
-from artibot_sim.diagnose.validation.predictions import gains, improvements, predict
+from artibot_sim.diagnose.validation.predictions import gains, improvements, likelihood_interval, predict
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
@@ -61,6 +61,8 @@ def test_each_cause_takes_its_own_error_away(lag_first: bool) -> None:
     second = list(found)[1]
     assert found[second].share > 0.8, "after the second cause noise is left"
     assert 1.0 - np.prod([1.0 - one.share for one in found.values()]) > 0.9
+    interval = likelihood_interval([pair], found, 1)
+    assert interval is not None and 0.0 < interval[0] <= sum(one.nats for one in found.values()) <= interval[1]
 
 
 def test_what_is_not_there_makes_nothing_likelier() -> None:
@@ -76,6 +78,9 @@ def test_what_is_not_there_makes_nothing_likelier() -> None:
     pair = predict(run, True, ROBOT, slow, OPTIONS.horizon, 1)
     found = improvements(decision, [pair], slow, command_view([run], ROBOT), OPTIONS)
     assert found["speed_loop_lag"].nats < -100.0
+    interval = likelihood_interval([pair], found, 1)
+    assert interval is not None and interval[1] < 0.0, "commands count, which have no windows"
+    assert likelihood_interval([pair], {}, 1) is None
 
 
 def test_a_median_window_is_not_decided_by_the_one_in_which_a_pose_leapt() -> None:
@@ -87,6 +92,7 @@ def test_a_median_window_is_not_decided_by_the_one_in_which_a_pose_leapt() -> No
     def leapt(of: PredictedRecording) -> PredictedRecording:
         return replace(of, residuals=(of.residuals[0] + 1e4, *of.residuals[1:]))
 
-    spoilt = gains([replace(pair, before=leapt(pair.before), after=leapt(pair.after))], [], 1)["articulation_yaw"]
+    lost = replace(pair, before=leapt(pair.before), after=leapt(pair.after))
+    spoilt = gains([lost], [], 1)["articulation_yaw"]
     assert spoilt.before > 10.0 * whole.before and spoilt.ci95[0] <= 0.0
     assert spoilt.median_ci95[0] > 0.0 and spoilt.median_after < spoilt.median_before < 2.0 * whole.median_before
