@@ -1,4 +1,8 @@
-"""Parameters of nodes as tables: name, default, meaning and range in one place, whether ROS reads them or a file."""
+"""Parameters of nodes as tables: name, default, meaning and range in one place, whether ROS reads them or a file.
+
+Not `generate_parameter_library`: PyPI does not have it, and what it writes needs rclpy, where these tables also stand
+behind commands' options and files that are checked without ROS.
+"""
 
 from __future__ import annotations
 

@@ -284,12 +284,19 @@ ALL_EFFECTS: dict[str, dict[str, Any]] = {
 
 
 def all_effects(scenario: Scenario) -> list[Result]:
-    """RK4 at 1 ms with every effect that acts in the model."""
+    """RK4 at 1 ms with one effect, and with every one that acts in the model."""
     working = {name for name, effect in EFFECTS.items() if (effect.hooks or effect.adapt) and name not in LAWS}
     if working != set(ALL_EFFECTS):
         raise ArtibotError(f"bench: effects {sorted(working ^ set(ALL_EFFECTS))} are not in the table of ALL_EFFECTS")
-    robot = dataclasses.replace(scenario.robot, effects=ALL_EFFECTS)
-    return [single(dataclasses.replace(scenario, rover=robot), "rollout_rk4_1ms_all_effects", "rk4", 1e-3)]
+    return [
+        single(
+            dataclasses.replace(scenario, rover=dataclasses.replace(scenario.robot, effects=effects)), name, "rk4", 1e-3
+        )
+        for name, effects in (
+            ("rollout_rk4_1ms_one_effect", {"joint_friction": {"torque": 5.0}}),
+            ("rollout_rk4_1ms_all_effects", ALL_EFFECTS),
+        )
+    ]
 
 
 def soils(robot: Robot, count: int, seed: int = 0) -> list[Robot]:

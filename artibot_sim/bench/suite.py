@@ -39,7 +39,7 @@ class Benchmark:
 SUITE: dict[str, Benchmark] = {
     "rollout": Benchmark(("rollout_rk4_1ms", "rollout_semi_implicit", "rollout_semi_implicit_2ms"), model.rollouts, 2),
     "uneven": Benchmark(("rollout_rk4_1ms_uneven", "rollout_semi_implicit_uneven"), model.over_uneven_ground, 3),
-    "effects": Benchmark(("rollout_rk4_1ms_all_effects",), model.all_effects, 8),
+    "effects": Benchmark(("rollout_rk4_1ms_one_effect", "rollout_rk4_1ms_all_effects"), model.all_effects, 10),
     "modules": Benchmark(
         ("rollout_3_modules", "rollout_5_modules", "rollout_10_modules", "two_modules_own_kernels"), trains.modules, 10,
         in_quick=False,

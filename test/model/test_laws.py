@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numba
 import numpy as np
 import pytest
@@ -13,7 +15,8 @@ from artibot_sim.model.effects import EFFECTS, effects_from_dict, hooks, record
 from artibot_sim.model.effects.force_law import FORMS, MOTION, VARIABLES, LocalMotion, follows
 from artibot_sim.model.effects.force_law import PLACES as PLACES_OF_LAWS
 from artibot_sim.model.effects.hooks import PLACES
-from artibot_sim.model.reference.effects import PlainEffects
+from artibot_sim.model.kernels.compilation import inlined
+from artibot_sim.model.reference.effects import PlainEffects, plain
 
 RNG = np.random.default_rng(2)
 N = RNG.normal
@@ -163,3 +166,13 @@ def test_laws_whose_parts_do_not_go_together_are_refused(law, says) -> None:
     with pytest.raises(ArtibotError) as caught:
         effects_from_dict({"force_law": {"size": 1.0} | law})
     assert str(caught.value).startswith(f"effects.{says}")
+
+
+@inlined
+def ratio(fx):
+    """A law by the name of the parameter that it reads."""
+    return 2.0 * fx.ratio
+
+
+def test_a_law_may_be_named_as_a_parameter() -> None:
+    assert plain(ratio)(SimpleNamespace(ratio=3.0)) == 6.0

@@ -5,6 +5,7 @@ Test `test/model/test_laws.py` holds each of them against a transcription of its
 
 from __future__ import annotations
 
+import dis
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -40,7 +41,9 @@ def plain(function: Law) -> Law:
         return _STANDARD[function]
     python: Any = getattr(function, "py_func", function)
     known = python.__globals__
-    names = {name: known[name] for name in python.__code__.co_names if name in known}
+    # not all of `co_names`, which has attributes, too: a law may be named as a parameter that it reads
+    called = {one.argval for one in dis.get_instructions(python) if one.opname == "LOAD_GLOBAL"}
+    names = {name: known[name] for name in called if name in known}
     pieces = {name: plain(piece) for name, piece in names.items() if _compiled(piece)}
     cells = [cell.cell_contents for cell in python.__closure__ or ()]
     closure = tuple(CellType(plain(piece) if _compiled(piece) else piece) for piece in cells)

