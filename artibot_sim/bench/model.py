@@ -248,7 +248,7 @@ def over_uneven_ground(scenario: Scenario) -> list[Result]:
 ALL_EFFECTS: dict[str, dict[str, Any]] = {
     "back_friction": {"scale": 0.9},
     "battery_sag": {"stall": 5.0, "no_load_speed": 1000.0},
-    "bulldozing": {"coefficient": 300.0},
+    "bulldozing": {"coefficient": 300.0, "load": 1.0},
     "com_height": {"height": 0.05},
     "com_offset": {"x": 0.02, "y": -0.02},
     "external_force": {"force": 10.0, "heading": 1.0},

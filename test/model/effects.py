@@ -27,7 +27,7 @@ SEVERITY_1 = {
     "stiction": {"length": 0.005},
     "wheel_windup": {"way": 0.02},
     "stribeck": {"velocity": 0.08, "early": 0.6},
-    "bulldozing": {"coefficient": 900.0},
+    "bulldozing": {"coefficient": 900.0, "load": 2.0},
     "tyre_relaxation": {"length": 0.3},
     "wheel_runout": {"relative": 0.03, "phase": 0.7, "wheel": "front_left_back"},
     "rolling_resistance_speed": {"coefficient": 1.5},

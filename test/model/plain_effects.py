@@ -70,9 +70,10 @@ class Transcribed:
         """Friction across a wheel over that along it."""
         return self._of("friction_anisotropy", "ratio", 1.0)
 
-    def lateral(self, p_y: float) -> float:
-        """Force on top of eq. 16's, N."""
-        return -self._of("bulldozing", "coefficient") * abs(p_y) * p_y
+    def lateral(self, p_y: float, F_n: float) -> float:
+        """Force on top of eq. 16's of a wheel that carries F_n, N."""
+        pushed = self._of("bulldozing", "coefficient") + self._of("bulldozing", "load") * F_n
+        return -pushed * abs(p_y) * p_y
 
     def wheel_resist(self, friction: float, p_x: float, p_y: float) -> tuple[float, float]:
         """Force along and across a wheel on its centre, N, of which friction holds `friction`."""

@@ -466,6 +466,23 @@ def test_bulldozing_adds_to_what_eq_16_leaves(agriq):
     assert checked > 100
 
 
+def test_bulldozing_grows_with_the_load(agriq):
+    """A wheel that carries more pushes more, in proportion; without that part all do alike, to the bit."""
+    result = turn(with_effects(agriq, "com_offset", bulldozing={"coefficient": 400.0, "load": 3.0}))
+    c, checked, loads = agriq.contact, 0, []
+    for wheel in WHEELS:
+        hold = result[f"sat_{wheel}"] == 0.0
+        p_y, F_n = result[f"p_y_{wheel}"][hold], result[f"F_n_{wheel}"][hold]
+        expected = -(400.0 + 3.0 * F_n) * np.abs(p_y) * p_y
+        np.testing.assert_allclose(result[f"F_t_{wheel}"][hold] + c.k_t * p_y, expected, rtol=1e-9, atol=1e-9)
+        checked, loads = checked + (np.abs(p_y) > 0.01).sum(), [*loads, F_n.mean()]
+    assert checked > 100 and max(loads) > 1.2 * min(loads)
+    alike, stated = (turn(with_effects(agriq, "com_offset", bulldozing={"coefficient": 900.0, **load}))
+                     for load in ({}, {"load": 0.0}))  # fmt: skip
+    for key in ("x_f", "F_t_front_right_front"):
+        np.testing.assert_array_equal(alike[key], stated[key])
+
+
 def test_relaxed_tyres_reach_the_same_force_later(agriq, plain):
     """Where nothing changes any more the force is eq. 15's; while it does, it lags."""
     robot = with_effects(agriq, tyre_relaxation={"length": 0.3})

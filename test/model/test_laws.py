@@ -28,7 +28,7 @@ ABOUT = {
     "lateral_grip": lambda: (),
     "early_fall": lambda: (),
     "friction": lambda: (0.8, 0.5, abs(0.1 * N())),
-    "lateral": lambda: (0.3 * N(),),
+    "lateral": lambda: (0.3 * N(), abs(100.0 * N())),
     "lead": lambda: (0.5 * N(), 0.2 * N()),
     "follow_rate": lambda: (0.2 * N(),),
     "radius": lambda: (int(RNG.integers(8)), 5.0 * N()),

@@ -17,20 +17,29 @@ FASTEST = 0.5
 
 
 @inlined
-def lateral(fx, p_y):
-    """Lateral force on top of eq. 16's, N."""
-    return -fx.bulldozing.coefficient * abs(p_y) * p_y
+def lateral(fx, p_y, F_n):
+    """Lateral force on top of eq. 16's of a wheel that carries F_n, N."""
+    return -(fx.bulldozing.coefficient + fx.bulldozing.load * F_n) * abs(p_y) * p_y
 
 
 def _adapt(p: Params, values: Values) -> Params:
-    return p._replace(lateral_damping=p.lateral_damping + 2.0 * values["coefficient"] * FASTEST)
+    """How steep the force is at the wheels of the module that carries most."""
+    modules = (p.front, p.back)[: 2 if p.two else 1]
+    most = p.load * max(body.m for body in modules) * len(modules) / sum(body.m for body in modules)
+    steepest = 2.0 * (values["coefficient"] + values["load"] * most) * FASTEST
+    return p._replace(lateral_damping=p.lateral_damping + steepest)
 
 
 EFFECT = Effect(
     id="bulldozing",
     acts="contact",
-    doc="A lateral force −coefficient |p_y| p_y at each wheel, on top of the saturated one.",
-    parameters={"coefficient": number("N s^2/m^2", 0.0, math.inf, "force per squared lateral speed")},
+    doc="A lateral force −(coefficient + load F_n) |p_y| p_y at each wheel, on top of the saturated one: a wheel that "
+    "carries more sinks deeper and pushes more soil.",
+    parameters={
+        "coefficient": number("N s^2/m^2", 0.0, math.inf, "force per squared lateral speed, whatever a wheel carries"),
+        "load": number("s^2/m^2", 0.0, math.inf, "the same in proportion to what it carries"),
+    },
+    sizes=2,
     adapt=_adapt,
     hooks={"lateral": lateral},
     search=Search({"coefficient": 900.0}, ((0.3,), (1.0,), (2.5,))),

@@ -141,7 +141,7 @@ early_fall = _place("early_fall", _largest, "slip")
 """(fx) → how far friction has fallen from mu_s towards `friction` before a wheel breaks away, 0 to 1."""
 
 lateral = _place("lateral", _sum)
-"""(fx, p_y) → lateral force on top of eq. 16's, N."""
+"""(fx, p_y, F_n) → lateral force on top of eq. 16's of a wheel that carries F_n, N."""
 
 across = _place("across", _sum)
 """(fx, wheel, own) → lateral force of a law at a wheel (its number), N; `own` (`force_law.Own`) it may follow."""

@@ -430,7 +430,7 @@ def after_friction(fx, soil, wheel, free, cut, wide, kept, dt):
     more_l, more_t = by_load(F_l, wide * F_t, held, wheel.F_n)
     R_l, R_t = hooks.wheel_resist(fx, holds, wheel.p_x, wheel.p_y)
     load = max(wheel.F_n, LIGHT)
-    F_t = wide * F_t + hooks.lateral(fx, wheel.p_y)
+    F_t = wide * F_t + hooks.lateral(fx, wheel.p_y, wheel.F_n)
     return WheelForces(F_l, F_t, s, held, free.rate, R_l, R_t, wound, bent, (more_l + R_l / load, more_t + R_t / load))
 
 

@@ -418,7 +418,7 @@ def _wheel(
         bending = (left - release * kept[2:]) / (1 + dt * release)
     at_wheel, at_both = _followed(rolling, other, stand, v, F_n, ground)
     F_l = share * held * F[0] + fx.ask("along", mount.motor, at_both) / 2  # half of what acts at both of its wheels
-    F_t = held * F[1] + fx.ask("lateral", p_y) + fx.ask("across", mount.wheel, at_wheel)
+    F_t = held * F[1] + fx.ask("lateral", p_y, F_n) + fx.ask("across", mount.wheel, at_wheel)
     u = p.u_w * fx.ask("lead", p_x, p_y)
     partials = stand.partials + _eq_20(p, mount, stand, u, q, ground)
     Q = partials.T @ (stand.frame @ np.array([F_l, F_t, stand.F_n]))  # eq. 18
