@@ -134,6 +134,13 @@ SMALLEST_SAG = Number(
     "limits the steepest line within the interval loses 0.03 to 0.06",
     COMMANDS,
 )
+LEFT_OF_TORQUES = Number(
+    0.1,
+    "–",
+    "share of the torques of motors that fall short of their commands, at most, that a velocity loop leaves: loops "
+    "leave 0.02 to 0.04, nothing hidden 1, motors at the end of their voltage 0.17 at least",
+    COMMANDS,
+)
 SMALLEST_DEADBAND = Number(0.01, "–", "a dead band over the largest commanded speed, at least", COMMANDS)
 
 REFUTED = Number(

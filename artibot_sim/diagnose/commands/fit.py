@@ -10,9 +10,11 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from artibot_sim.diagnose.commands.data import CommandData
 from artibot_sim.diagnose.commands.limit import LIMIT, SAG, Limit, excluded_limit, limited, torque_limit, torque_line
+from artibot_sim.diagnose.commands.loop import LOOP, VelocityLoop, unexplained, velocity_loop
 from artibot_sim.diagnose.commands.mixing import Mixing, mixing
 from artibot_sim.diagnose.commands.model import (
     FILTER,
@@ -253,7 +255,7 @@ class Fitter:
 
 
 SCALE, RATE = "torque_scale", "command_rate_limit"
-EFFECTS = (*PARAMETERS, LIMIT, SAG, SCALE)
+EFFECTS = (*PARAMETERS, LIMIT, SAG, SCALE, LOOP)
 """What the view knows about, by id; the simpler before what it is a case of."""
 _WORTH = 20.0
 """Nats that an effect gains to be taken for part of what happens while the noise is estimated."""
@@ -313,6 +315,7 @@ class CommandFit:
     best: Best
     limit: Limit | None
     torques: Best | None
+    loop: VelocityLoop | None = None
 
 
 @dataclass(frozen=True)
@@ -362,25 +365,59 @@ class CommandFits:
         if len(listed) > 1:
             starts += [self.fit([one]).best.response for one in listed]
         best = self.fitter.best(listed, starts)
-        limit, value = None, best.value
+        limit, loop, fitter = None, None, self.fitter
+        if LOOP in effects:
+            alone = best.value
+            best, loop, fitter = self._looped(listed, best)
+            # what speeds gain, or torques do: both are about how far motors are behind, and count once
+            best = replace(best, value=max(best.value, alone + loop.nats)) if loop else best
+        value = best.value
         if LIMIT in effects or SAG in effects:
-            best, limit = self._limited(listed, best, SAG in effects)
+            best, limit = self._limited(fitter, listed, best, SAG in effects)
             value = best.value + (limit.nats if limit else 0.0)
         torques = None
         if self.torque_fitter is not None:
             torques = self.torque_fitter.best(("encoder_scale",) if SCALE in effects else ())
             value += torques.value
-        return CommandFit(value, best, limit, torques)
+        return CommandFit(value, best, limit, torques, loop)
 
-    def _limited(self, listed: Sequence[str], best: Best, line: bool) -> tuple[Best, Limit | None]:
+    def _looped(self, listed: Sequence[str], best: Best) -> tuple[Best, VelocityLoop | None, Fitter]:
+        """The response fitted beside a velocity loop, the loop, and fits in which it is known.
+
+        A loop is found by what these effects leave, and they by what it leaves.
+        """
+        fitter, found = self.fitter, None
+        for _ in range(2 if listed else 1):
+            loop = self._loop_behind(best.response._replace(droop=0.0))
+            if loop is None:
+                break
+            droop = {"droop": 1.0 / loop.gain, "integral": loop.integral}
+            fitter = replace(self.fitter, known=self.fitter.known._replace(**droop))
+            best, found = fitter.best(listed, [best.response._replace(**droop)]), loop
+        return best, found, fitter
+
+    def _loop_behind(self, response: CommandResponse) -> VelocityLoop | None:
+        """The loop that explains torques beside a response, stamps as torques want them."""
+
+        def short(clock: float) -> Array:
+            asked = predicted_speeds(self.data, response._replace(clock=clock))
+            return np.asarray((asked - self.data.speed) / response.scale)
+
+        most = self.fitter.clock
+        best = minimize_scalar(
+            lambda clock: unexplained(self.data, short(clock)), bounds=(-most, most), method="bounded"
+        )
+        return velocity_loop(self.data, short(float(best.x)))
+
+    def _limited(self, fitter: Fitter, listed: Sequence[str], best: Best, line: bool) -> tuple[Best, Limit | None]:
         """The response fitted without samples that a limit explains, and the limit, or line, that is left with it."""
         find = torque_line if line else torque_limit
         limit = find(self.data, self.noise, self.data.speed - predicted_speeds(self.data, best.response))
         if limit is None or limit.nats <= 0.0 or not listed:
             return best, limit if limit is not None and limit.nats > 0.0 else None
-        free = replace(self.fitter, used=~limit.held).best(listed, [best.response])
+        free = replace(fitter, used=~limit.held).best(listed, [best.response])
         again = find(self.data, self.noise, self.data.speed - predicted_speeds(self.data, free.response))
-        value = self.fitter.value(free.response)
+        value = fitter.value(free.response)
         if again is not None and value + again.nats > best.value + limit.nats:
             return replace(free, value=value), again
         return best, limit
@@ -463,7 +500,7 @@ class CommandFits:
         """Whether an effect is as large as to be told from what stamps and encoders leave open."""
         if effect == SAG:
             return fit.limit is not None and fit.limit.lost(fit.limit.steepest) >= SMALLEST_SAG
-        if effect in (LIMIT, SCALE):
+        if effect in (LIMIT, SCALE, LOOP):
             return True
         field_, known = PARAMETERS[effect][1], self.fitter.known
         if field_ == "rate":
@@ -492,6 +529,12 @@ class CommandFits:
         if effect == SCALE:
             torques = fit.torques
             return ({"scale": torques.response.scale}, {"scale": torques.sd["scale"]}) if torques else ({}, {})
+        if effect == LOOP:
+            loop, scale = fit.loop, fit.torques.response.scale if fit.torques else 1.0
+            if loop is None:
+                return {}, {}
+            found = {"gain": loop.gain / scale, "integral": loop.integral}
+            return found, {"gain": loop.gain_sd / scale, "integral": loop.integral_sd}
         name, field_ = PARAMETERS[effect]
         if not np.isfinite(getattr(fit.best.response, field_)):
             return {}, {}
@@ -519,7 +562,7 @@ class CommandFits:
     def _note(self, effect: str, nats: float) -> str:
         if effect == SCALE and self.torque_fitter is None:
             return "no torque of a back motor is commanded and measured"
-        if effect in (LIMIT, SAG) and not np.isfinite(self.data.torque).any():
+        if effect in (LIMIT, SAG, LOOP) and not np.isfinite(self.data.torque).any():
             return "no torque of a front motor is recorded"
         if effect == LIMIT and nats == 0.0:
             return "no front motor falls short of its command at a torque that it does not exceed"
@@ -531,7 +574,7 @@ class CommandFits:
 
     def _excluded(self, effect: str, fit: CommandFit) -> dict[str, float]:
         """From which departure from neutral an effect would have been seen, stamps as it wants them."""
-        if effect in (LIMIT, SAG, RATE) or (effect == SCALE and self.torque_fitter is None):
+        if effect in (LIMIT, SAG, RATE, LOOP) or (effect == SCALE and self.torque_fitter is None):
             return {}
         fitter, name, field_ = self.fitter, *PARAMETERS.get(effect, ("scale", "scale"))
         if effect == SCALE and self.torque_fitter is not None:

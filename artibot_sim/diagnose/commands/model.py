@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from artibot_sim.diagnose.commands.data import CommandData, H
+from artibot_sim.diagnose.commands.loop import LOOP
 from artibot_sim.model.effects import EFFECTS, Values
 from artibot_sim.model.effects.command_rate_limit import on_ramp
 from artibot_sim.model.effects.deadband import outside
@@ -40,6 +41,10 @@ class CommandResponse(NamedTuple):
         stamps better than that.
     filter : float
         Time constant of a low-pass on recorded speeds, s; angles know nothing of it.
+    droop : float
+        Speed by which a motor falls short for each N m that its velocity loop has not taken up yet, rad/s.
+    integral : float
+        Rate at which that loop takes it up, 1/s.
     """
 
     rate: float = math.inf
@@ -49,6 +54,8 @@ class CommandResponse(NamedTuple):
     scale: float = 1.0
     clock: float = 0.0
     filter: float = 0.0
+    droop: float = 0.0
+    integral: float = 0.0
 
 
 FILTER = "velocity_filter"
@@ -63,6 +70,10 @@ PARAMETERS = {
 """Effect → its parameter, and what it is called in a `CommandResponse`."""
 
 
+SMOOTHED = 3
+"""Samples of torques that are averaged: a velocity loop's motors are behind by little in less time."""
+
+
 def response_of(effects: Mapping[str, Values]) -> CommandResponse:
     """The response that a robot's effects make."""
     values = {
@@ -70,6 +81,9 @@ def response_of(effects: Mapping[str, Values]) -> CommandResponse:
         for effect, (parameter, field) in PARAMETERS.items()
         if effect in effects and EFFECTS[effect].active(effects[effect])
     }
+    if LOOP in effects and EFFECTS[LOOP].active(effects[LOOP]):
+        loop = effects[LOOP]
+        values |= {"droop": 1.0 / float(loop["gain"]), "integral": float(loop.get("integral", 0.0))}
     return CommandResponse(**values, filter=float(effects.get(FILTER, {}).get("time_constant", 0.0)))
 
 
@@ -112,8 +126,53 @@ def _on_ramps(wanted: Array, most: float, edges: NDArray[np.int64], now: Array, 
         on_ramp(wanted[begin:end], most, now, out[begin:end])
 
 
+def left_to_take_up(data: CommandData, integral: float) -> Array:
+    """Recorded torques (n,) less what the integral of a velocity loop has taken up of them (1/s), N m.
+
+    The loop asks for gain · (e + integral · ∫ e dt), e being the speed by which its motor falls short, so that
+    de/dt + integral · e is the torque's rate over the gain. It has settled where a part begins; where no torque is
+    known nothing is missing. Torques are noisier than speeds, so it is averaged over SMOOTHED samples.
+    """
+    out, smooth = np.empty(len(data)), np.empty(len(data))
+    _pass_high(np.ascontiguousarray(data.torque), data.middle, data.whole[:, 0], integral, out)
+    _averaged(out, data.whole[:, 0], smooth)
+    return smooth
+
+
+@kernel
+def _pass_high(torque: Array, t: Array, goes_on: NDArray[np.bool_], integral: float, out: Array) -> None:
+    for k in range(len(torque)):
+        if not math.isfinite(torque[k]):
+            out[k] = 0.0
+        elif k == 0 or not goes_on[k] or not math.isfinite(torque[k - 1]):
+            out[k] = 0.0 if integral > 0.0 else torque[k]
+        else:
+            step = integral * (t[k] - t[k - 1])
+            mean = -math.expm1(-step) / step if step > 1e-6 else 1.0
+            out[k] = math.exp(-step) * out[k - 1] + mean * (torque[k] - torque[k - 1])
+
+
+@kernel
+def _averaged(values: Array, goes_on: NDArray[np.bool_], out: Array) -> None:
+    """Means over SMOOTHED samples around each, of one part only."""
+    for k in range(len(values)):
+        first = last = k
+        for _ in range(SMOOTHED // 2):
+            first -= 1 if first > 0 and goes_on[first] else 0
+            last += 1 if last + 1 < len(values) and goes_on[last + 1] else 0
+        out[k] = values[first : last + 1].mean()
+
+
 def predicted_speeds(data: CommandData, response: CommandResponse, speed: Array | None = None) -> Array:
     """Speeds that are measured if the motors respond so, rad/s, shape (n,); `speed` is what `followed` gave."""
+    found = _set_speeds(data, response, speed)
+    if response.droop > 0.0:
+        found = found - response.scale * response.droop * left_to_take_up(data, response.integral)
+    return found
+
+
+def _set_speeds(data: CommandData, response: CommandResponse, speed: Array | None) -> Array:
+    """The same of motors that never fall short of what their loops are asked for."""
     speed = followed(data.command, response, data.begins) if speed is None else speed
     speed = speed if data.rise else lagging(speed, response.filter)
     at = np.clip(data.at - (response.delay + response.clock) / H, 0.0, len(speed) - 1.000001)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.data import GUARD, CommandData, H
 from artibot_sim.diagnose.commands.limit import Limit
-from artibot_sim.diagnose.commands.model import CommandResponse, followed, lagging
+from artibot_sim.diagnose.commands.model import CommandResponse, followed, lagging, left_to_take_up
 from artibot_sim.diagnose.records import ErrorSeries
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.inputs import GAP
@@ -71,6 +71,9 @@ def series_of(
                 predicted(t, command, one if smoothed else one._replace(filter=0.0), motors.t) - speed
                 for one in (known, response)
             )
+            for errors, one in ((before, known), (after, response)):
+                if one.droop > 0.0:
+                    errors[:, i] -= one.scale * one.droop * _short(data, one.integral, number, i, motors.t)
             if limit is not None:
                 after[_held(data, limit, number, i, motors.t), i] = np.nan
             noise.append(noise_of(motors.t, speed))
@@ -99,6 +102,13 @@ def predicted(t: Array, command: Array, response: CommandResponse, at: Array) ->
     after = np.clip(np.searchsorted(t, at), 1, len(t) - 1)
     silent = (at < t[0] - 1e-6) | (at > t[-1] + 1e-6) | (t[after] - t[after - 1] > GAP)
     return np.where(silent, np.nan, speed)
+
+
+def _short(data: CommandData, integral: float, recording: int, motor: int, at: Array) -> Array:
+    """What a velocity loop has not taken up of a motor's torque at the instants `at`, N m."""
+    rows = (data.recording == recording) & (data.motor == motor)
+    short = left_to_take_up(data, integral)[rows]
+    return np.interp(at, data.middle[rows], short) if rows.any() else np.zeros(len(at))
 
 
 def _held(data: CommandData, limit: Limit, recording: int, motor: int, at: Array) -> NDArray[np.bool_]:

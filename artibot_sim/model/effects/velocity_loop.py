@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from artibot_sim.model.effects.base import Effect, Values, number, with_every_motor
+from artibot_sim.model.effects.base import Effect, Search, Values, number, with_every_motor
 from artibot_sim.model.kernels.compilation import inlined
 
 if TYPE_CHECKING:
@@ -52,4 +52,5 @@ EFFECT = Effect(
     adapt=_adapt,
     hooks={"loop": loop, "wound": wound},
     drives_front=True,
+    search=Search({"gain": 0.2, "integral": 0.2}, logarithmic=True, views=("command",)),
 )

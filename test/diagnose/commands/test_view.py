@@ -142,6 +142,29 @@ def said_of_limits(view: CommandView) -> tuple[str, tuple[str, ...]]:
     return best.effect, best.ties
 
 
+@pytest.mark.parametrize("sensors", ["fine", "slow"])
+@pytest.mark.parametrize(("gain", "integral"), [(0.06, 4.0), (0.02, 8.0), (0.2, 2.0), (0.06, 0.0)])
+def test_a_velocity_loop_is_found_with_its_gains(gain: float, integral: float, sensors: str) -> None:
+    """Speeds fall short as the torque asks for, which a limit of torques or a dead band explains a little of."""
+    strong = AGRIQ.replace({"drive.front.torque_max": 2.0})
+    hidden = {"velocity_loop": {"gain": gain, "integral": integral}}
+    view = command_view(driven(replace(strong, effects=hidden), seed=1, sensors=sensors), strong)
+    assert view.found == ("velocity_loop",)
+    one = view.evidence["velocity_loop"]
+    assert one.nats > 5.0 * max(other.nats for name, other in view.evidence.items() if name != "velocity_loop")
+    assert one.values == pytest.approx({"gain": gain, "integral": integral}, rel=0.05, abs=0.01)
+    assert all(abs(one.values[name] - value) < 4.0 * one.sd[name] for name, value in hidden["velocity_loop"].items())
+    assert view.nats(replace(strong, effects=hidden)) > 20.0
+
+
+def test_a_velocity_loop_is_found_beside_a_limit() -> None:
+    """Motors that are driven through a loop come to their robot's own limit as well, where the loop says nothing."""
+    view = command_view(driven(robot_with(velocity_loop={"gain": 0.06, "integral": 4.0}), seed=1), AGRIQ)
+    assert set(view.found) == {"torque_limit", "velocity_loop"}
+    values = view.given("torque_limit")["velocity_loop"].values
+    assert values == pytest.approx({"gain": 0.06, "integral": 4.0}, rel=0.05)
+
+
 def test_the_voltage_and_the_motor_are_not_told_apart() -> None:
     """Two numbers of a line are seen: what is named is the motor that would have it at full supply."""
     weak = {"stall": 0.75, "no_load_speed": 312.5, "supply": 0.8}
