@@ -80,11 +80,11 @@ def unexplained(data: CommandData, short: Array) -> float:
 
 def _solved(torque: Array, behind: Array) -> tuple[Array, Array]:
     """Gain and gain · integral by least squares, no loop giving back what it has taken up, and what they leave."""
-    solved = np.linalg.lstsq(behind, torque, rcond=None)[0]
+    solved: Array = np.linalg.lstsq(behind, torque, rcond=None)[0].astype(np.float64)
     if solved[1] <= 0.0:
         speed = behind[:, 0]
         solved = np.array([float(speed @ torque) / max(float(speed @ speed), 1e-300), 0.0])
-    return solved, np.asarray(torque - behind @ solved)
+    return np.asarray(solved, float), np.asarray(torque - behind @ solved, float)
 
 
 def _bins(data: CommandData, short: Array) -> tuple[Array, Array]:
