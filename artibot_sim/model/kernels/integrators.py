@@ -305,17 +305,18 @@ def loaded(body, p, fx, units, pairs, soils, motor, turned, lags, wheels, first)
 
 
 @inlined
-def step_ahead(body, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt):
+def step_ahead(body, p, fx, unit, motor, on, kept, dt):
     """A motor's acceleration over a step, the wheels' slip taken implicitly (linearised at the old speed), its torque.
 
-    A prescribed motor's torque follows from the new forces; zero stands in its place here.
+    A prescribed motor's torque follows from the new forces; zero stands in its place here. The wheels stand `on` a
+    `Footing`; `kept` is what they remember (`kept_by`), the front one first.
     """
     theta_dot = motor.theta_dot
     if motor.mode == PRESCRIBED:
         return motor.wish, 0.0
     omega = unit.tau * theta_dot
     rim, angle = unit.r_w * omega, unit.tau * motor.theta
-    forces = pair_forces(within_friction, body, fx, pair, soil, motor.number, rim, angle, kept_f, kept_b, None)
+    forces = pair_forces(within_friction, body, fx, on.pair, on.soil, motor.number, rim, angle, kept[0], kept[1], None)
     load = motor.gear * load_torque(p, unit, forces, omega)
     inertia = motor.J + dt * motor.gear * unit.r_w * (forces.slope * unit.r_w) * unit.tau
     if fx is not None:
@@ -328,11 +329,11 @@ def step_ahead(body, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt):
 
 
 @inlined
-def motor_with_wheels(body, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt, ahead, torques):
+def motor_with_wheels(body, p, fx, unit, motor, on, kept, dt, ahead, torques):
     """A motor and its two wheels (eqs 15, 16, 21, 22): at an instant (`dt` None), or over a semi-implicit step.
 
-    Over a step `ahead` is what `step_ahead` gives. A prescribed motor at an instant needs to know no force unless
-    `torques` are asked for; they are zero then.
+    For `on` and `kept` see `step_ahead`; over a step `ahead` is what that gives. A prescribed motor at an instant needs
+    to know no force unless `torques` are asked for; they are zero then.
 
     Returns
     -------
@@ -346,7 +347,7 @@ def motor_with_wheels(body, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt, 
         speed += dt * theta_ddot
     omega = unit.tau * speed
     rim, angle = unit.r_w * omega, unit.tau * motor.theta
-    forces = pair_forces(within_friction, body, fx, pair, soil, motor.number, rim, angle, kept_f, kept_b, dt)
+    forces = pair_forces(within_friction, body, fx, on.pair, on.soil, motor.number, rim, angle, kept[0], kept[1], dt)
     if dt is None:
         if motor.mode == PRESCRIBED and not torques:
             return forces, MotorAction(0.0, 0.0, 0.0, motor.wish, speed)
@@ -414,13 +415,13 @@ def write_motor(fx, acting, motor, hold, w):
 @inlined
 def move_side(body, p, fx, unit, motor, on, q, v, commands, lags, dt, w):
     """A motor of a module and its wheels, which stand `on` a footing, into the row; returns `contact.PairForces`."""
-    i, c, pair, soil = 2 * motor, coordinate_of(motor), on.pair, on.soil
+    i, c = 2 * motor, coordinate_of(motor)
     at, ahead = turning(p, fx, commands, motor, q[c], v[c]), None
-    kept_f, kept_b = kept_by(lags, 8, i), kept_by(lags, 8, i + 1)
+    kept = kept_by(lags, 8, i), kept_by(lags, 8, i + 1)
     if dt is not None:
-        ahead = step_ahead(body, p, fx, unit, at, pair, soil, kept_f, kept_b, dt)
-    forces, acting = motor_with_wheels(body, p, fx, unit, at, pair, soil, kept_f, kept_b, dt, ahead, True)
-    write_wheels(pair, forces, motor, w)
+        ahead = step_ahead(body, p, fx, unit, at, on, kept, dt)
+    forces, acting = motor_with_wheels(body, p, fx, unit, at, on, kept, dt, ahead, True)
+    write_wheels(on.pair, forces, motor, w)
     write_motor(fx, acting, motor, commands.hold, w)
     if fx is not None:
         write_rates(fx, forces, 8, i, lags, MEMORY)

@@ -12,6 +12,7 @@ from artibot_sim.model.equations.plane import Body, CommonTerms, Motion, module_
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.elementary import sincos, turn_by
 from artibot_sim.model.kernels.integrators import (
+    Footing,
     MotorAction,
     kept_by,
     loaded,
@@ -238,21 +239,21 @@ def near(begun, q):
 
 
 @inlined
-def side_ahead(body, p, fx, unit, motor, theta, theta_dot, pair, soil, commands, lags, dt):
+def side_ahead(body, p, fx, unit, motor, theta, theta_dot, on, commands, lags, dt):
     """A motor (`integrators.Turning`), and over a semi-implicit step what `integrators.step_ahead` gives."""
     at, i = turning(p, fx, commands, motor, theta, theta_dot), 2 * motor
     if dt is None:
         return at, None
-    return at, step_ahead(body, p, fx, unit, at, pair, soil, kept_by(lags, 8, i), kept_by(lags, 8, i + 1), dt)
+    return at, step_ahead(body, p, fx, unit, at, on, (kept_by(lags, 8, i), kept_by(lags, 8, i + 1)), dt)
 
 
 @inlined
-def side_moves(body, p, fx, unit, motor, pair, soil, lags, dt, torques):
+def side_moves(body, p, fx, unit, motor, on, lags, dt, torques):
     """A motor and its wheels: `integrators.motor_with_wheels`; `motor` is what `side_ahead` gives."""
     at, ahead = motor
     i = 2 * at.number
-    kept_f, kept_b = kept_by(lags, 8, i), kept_by(lags, 8, i + 1)
-    forces, acting = motor_with_wheels(body, p, fx, unit, at, pair, soil, kept_f, kept_b, dt, ahead, torques)
+    kept = kept_by(lags, 8, i), kept_by(lags, 8, i + 1)
+    forces, acting = motor_with_wheels(body, p, fx, unit, at, on, kept, dt, ahead, torques)
     if fx is not None:
         write_rates(fx, forces, 8, i, lags, MEMORY)
     return forces, acting
@@ -293,15 +294,16 @@ def level_accelerations(at, p, fx, q, v, trig, commands, lags, dt, torques):
         r_f, l_f = loaded(at.front, p, fx, (one, two), (r_f, l_f), soils, MOTOR[0], turned, lags, 8, 2 * MOTOR[0])
         turned, soils = (q[8], q[9], v[8], v[9]), (soil_rb, soil_lb)
         r_b, l_b = loaded(at.back, p, fx, (three, four), (r_b, l_b), soils, MOTOR[2], turned, lags, 8, 2 * MOTOR[2])
+    on_0, on_1, on_2, on_3 = Footing(r_f, soil_rf), Footing(l_f, soil_lf), Footing(r_b, soil_rb), Footing(l_b, soil_lb)
     # all motors one step ahead first: they know nothing of each other, and the processor takes them side by side
-    T_0 = side_ahead(at.front, p, fx, one, MOTOR[0], q[6], v[6], r_f, soil_rf, commands, lags, dt)
-    T_1 = side_ahead(at.front, p, fx, two, MOTOR[1], q[7], v[7], l_f, soil_lf, commands, lags, dt)
-    T_2 = side_ahead(at.back, p, fx, three, MOTOR[2], q[8], v[8], r_b, soil_rb, commands, lags, dt)
-    T_3 = side_ahead(at.back, p, fx, four, MOTOR[3], q[9], v[9], l_b, soil_lb, commands, lags, dt)
-    F_0, M_0 = side_moves(at.front, p, fx, one, T_0, r_f, soil_rf, lags, dt, torques)
-    F_1, M_1 = side_moves(at.front, p, fx, two, T_1, l_f, soil_lf, lags, dt, torques)
-    F_2, M_2 = side_moves(at.back, p, fx, three, T_2, r_b, soil_rb, lags, dt, torques)
-    F_3, M_3 = side_moves(at.back, p, fx, four, T_3, l_b, soil_lb, lags, dt, torques)
+    T_0 = side_ahead(at.front, p, fx, one, MOTOR[0], q[6], v[6], on_0, commands, lags, dt)
+    T_1 = side_ahead(at.front, p, fx, two, MOTOR[1], q[7], v[7], on_1, commands, lags, dt)
+    T_2 = side_ahead(at.back, p, fx, three, MOTOR[2], q[8], v[8], on_2, commands, lags, dt)
+    T_3 = side_ahead(at.back, p, fx, four, MOTOR[3], q[9], v[9], on_3, commands, lags, dt)
+    F_0, M_0 = side_moves(at.front, p, fx, one, T_0, on_0, lags, dt, torques)
+    F_1, M_1 = side_moves(at.front, p, fx, two, T_1, on_1, lags, dt, torques)
+    F_2, M_2 = side_moves(at.back, p, fx, three, T_2, on_2, lags, dt, torques)
+    F_3, M_3 = side_moves(at.back, p, fx, four, T_3, on_3, lags, dt, torques)
     forces = F_0, F_1, F_2, F_3
     on_f, on_b, contacts, joint, loads = planar_accelerations(at.front, at.back, at.ground, fx, f, b, trig, forces, dt)
     a_2, a_3 = (M_2.theta_ddot, M_3.theta_ddot) if p.two else (0.0, 0.0)

@@ -169,17 +169,17 @@ def side_forces(p, fx, unit, side, i, q, v, on, commands, lags, dt, w):
 
     The wheels stand `on` an `integrators.Footing`; `lags` are what they remember, and its rates.
     """
-    (pair, soil), (lag, lag_rate), a, c = on, lags, 2 * side, THETA_R + side
+    (lag, lag_rate), a, c = lags, 2 * side, THETA_R + side
     local = turning(p, fx, commands, side, q[c], v[c])
     motor = MotorMotion(
         2 * i + side, local.mode, local.theta, local.theta_dot, local.wish, local.torque, local.gear, local.J,
         local.inverse_J, local.error, local.behind,
     )  # fmt: skip
-    kept_f, kept_b, ahead = kept_by((lag,), 4, a), kept_by((lag,), 4, a + 1), None
+    kept, ahead = (kept_by((lag,), 4, a), kept_by((lag,), 4, a + 1)), None
     if dt is not None:
-        ahead = step_ahead(p.front, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt)
-    forces, acting = motor_with_wheels(p.front, p, fx, unit, motor, pair, soil, kept_f, kept_b, dt, ahead, True)
-    write_wheels(pair, forces, side, w)
+        ahead = step_ahead(p.front, p, fx, unit, motor, on, kept, dt)
+    forces, acting = motor_with_wheels(p.front, p, fx, unit, motor, on, kept, dt, ahead, True)
+    write_wheels(on.pair, forces, side, w)
     write_motor(fx, acting, side, commands.hold, w)
     if fx is not None:
         write_rates(fx, forces, 4, a, (lag_rate,), 0)
