@@ -50,6 +50,8 @@ _HEADING = 1.2
 _RADIUS = 1.6
 _LIMITED = 0.75
 """A limit in the pictures is so much of the most that is reached without it, and that so much of a no-load speed."""
+_BEHIND = 0.1
+"""Share of the fastest speed by which a motor is behind at its largest torque."""
 _SIZE = (9.4, 3.1)
 _DPI = 72
 _EXCERPT = 6.0
@@ -84,8 +86,11 @@ def plain_values(effect: Effect, free: Experiment) -> dict[str, float | str]:
     values: dict[str, float | str] = {name: p.neutral for name, p in effect.parameters.items()}
     for name, size in search.sizes.items():
         neutral = float(effect.parameters[name].neutral)
-        if math.isinf(neutral) and getattr(effect.parameters[name].quantity, "unit", "") == "rad/s":
+        unit = getattr(effect.parameters[name].quantity, "unit", "")
+        if math.isinf(neutral) and unit == "rad/s":
             values[name] = _fastest(free) / _LIMITED
+        elif math.isinf(neutral) and unit == "N m s/rad":
+            values[name] = _most(free, search.reference) / (_BEHIND * _fastest(free))
         elif math.isinf(neutral):
             values[name] = _LIMITED * _most(free, search.reference)
         else:
