@@ -584,11 +584,15 @@ def _bent(body: ModuleParams, slip: Array, renewal: Array) -> Array:
 
     Where a wheel slides eq. 16 leaves a share of its slip, which depends on how far they are bent: found in turn.
     """
-    load, pull = body.m * STANDARD_GRAVITY / 4.0, np.hypot(body.k_l * slip[:, 0], body.k_t * slip[:, 1])
-    share, stay = np.ones(len(slip)), np.zeros(len(slip))
+    holds, k = body.mu_s * body.m * STANDARD_GRAVITY / 4.0, np.array([body.k_l, body.k_t])
+    release = renewal + np.hypot(*(k * slip).T) / (stiction.TIME * holds)
+    bent, share = slip / np.maximum(release, 1e-9)[:, None], np.ones((len(slip), 1))
     for _ in range(_BENDINGS):
-        release = renewal + share * pull / (stiction.TIME * body.mu_s * load)
-        stay = share / np.maximum(release, 1e-9)
-        force = pull * (1.0 + stay / stiction.TIME)
-        share = np.where(force > body.mu_s * load, body.mu_d * load / np.maximum(force, 1e-9), 1.0)
-    return slip * stay[:, None]
+        F, left = k * bent / stiction.TIME, share * slip
+        gives = np.linalg.norm(F, axis=1) / holds * (F * k * left).sum(axis=1)
+        gives /= np.maximum((k * F * F).sum(axis=1), 1e-30) * stiction.TIME
+        stay = left / np.maximum(renewal[:, None] + gives[:, None] * k, 1e-9)
+        bent = np.sign(slip) * np.sqrt(np.abs(bent * stay))
+        force = np.linalg.norm(k * (slip + bent / stiction.TIME), axis=1)[:, None]
+        share = np.where(force > holds, body.mu_d / body.mu_s * holds / np.maximum(force, 1e-9), 1.0)
+    return bent

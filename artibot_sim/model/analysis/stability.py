@@ -249,9 +249,11 @@ def relaxation_limit(p: Params, speed: float) -> float:
     """Longest RK4 step (s) for what wheels remember at a wheel's `speed` (m/s), see `Params.relaxation`.
 
     Bristles beside a damper k = stiffness · T: where that is strong, they follow at 1/T; where it is weak, a mass m
-    swings at sqrt(k/(T m)) < 2/T; where wheels slide, they let go at 2/T at most.
+    swings at sqrt(k/(T m)) < 2/T; where wheels slide, they let go at 1/T at most, times what bristles are stiffer one
+    way than the other.
     """
-    return _RK4_REAL / (p.relaxation * max(speed, 0.05) + 2.0 * p.bristle)
+    ratio = p.front.k_l / p.front.k_t
+    return _RK4_REAL / (p.relaxation * max(speed, 0.05) + max(2.0, ratio, 1.0 / ratio) * p.bristle)
 
 
 def _rk4_limits(chain: _Chain, modes: tuple[int, ...]) -> Iterator[tuple[float, str]]:

@@ -282,9 +282,11 @@ def held_by(F, stiff, k, z):
 def bending(stiff, renewal, k_l, k_t, slip_l, slip_t, narrow, friction, z_l, z_t, dt):
     """With effects: how fast a wheel's bristles bend along and across it, m/s, now or as a step `dt` takes it.
 
-    They let go as rolling renews them, and as far as they are bent towards what `friction` (N) holds of them, so that
-    they never pull more: LuGre's law. Slip is what eq. 16 leaves of it: of all that its force takes out of the motion,
-    bristles store what bends them, and the rest is lost.
+    They let go as rolling renews them. And as far as they are bent towards what `friction` (N) holds of them they give
+    way to slip that bends them further, in the direction in which they pull (principle of maximum dissipation): so
+    they never pull more, and on bristles that are stiffer one way than the other any small slip is resisted. Slip is
+    what eq. 16 leaves of it: of all that its force takes out of the motion, bristles store what bends them, and the
+    rest is lost.
 
     Parameters
     ----------
@@ -301,12 +303,18 @@ def bending(stiff, renewal, k_l, k_t, slip_l, slip_t, narrow, friction, z_l, z_t
     """
     if stiff <= 0.0:  # before anything is computed: one rover alone without bristles does not pay for them
         return 0.0, 0.0
-    pull_l, pull_t = k_l * slip_l, narrow * (k_t * slip_t)
-    release = renewal + stiff * math.sqrt(pull_l * pull_l + pull_t * pull_t) / max(friction, 1e-9)
+    y_l, y_t = z_l, z_t
+    if dt is not None:  # as far as they are bent before they give way
+        y_l, y_t = (z_l + dt * slip_l) / (1.0 + dt * renewal), (z_t + dt * slip_t) / (1.0 + dt * renewal)
+    F_l, F_t, k_across = stiff * k_l * y_l, stiff * narrow * k_t * y_t, narrow * k_t
+    towards = max(F_l * k_l * slip_l + F_t * k_across * slip_t, 0.0)
+    used = math.sqrt(F_l * F_l + F_t * F_t) / max(friction, 1e-9)
+    gives = stiff * used * towards / max(k_l * F_l * F_l + narrow * k_across * F_t * F_t, 1e-30)
+    release_l, release_t = renewal + gives * k_l, renewal + gives * narrow * k_across
+    rate_l, rate_t = slip_l - release_l * z_l, slip_t - release_t * z_t
     if dt is not None:
-        share = 1.0 / (1.0 + dt * release)
-        return share * (slip_l - release * z_l), share * (slip_t - release * z_t)
-    return slip_l - release * z_l, slip_t - release * z_t
+        return rate_l / (1.0 + dt * release_l), rate_t / (1.0 + dt * release_t)
+    return rate_l, rate_t
 
 
 @inlined

@@ -413,9 +413,7 @@ def _wheel(
     most = soil.grip * mount.body.mu_s * F_n
     bending = np.zeros(2)
     if stiff > 0:
-        narrow, left = 1.0 / fx.ask("lateral_grip"), held * np.array([slip, -p_y])
-        release = renewal + stiff * math.hypot(*(soil.k * left * [1.0, narrow])) / max(most, LIGHT)
-        bending = (left - release * kept[2:]) / (1 + dt * release)
+        bending = _bending(held * np.array([slip, -p_y]), kept[2:], soil.k, stiff, renewal, most, dt, fx)
     at_wheel, at_both = _followed(rolling, other, stand, v, F_n, ground)
     F_l = share * held * F[0] + fx.ask("along", mount.motor, at_both) / 2  # half of what acts at both of its wheels
     F_t = held * F[1] + fx.ask("lateral", p_y, F_n) + fx.ask("across", mount.wheel, at_wheel)
@@ -428,6 +426,19 @@ def _wheel(
     R[[b, b + 1]], R[b + 5] = flat[:2], flat @ stand.partials[:, b + 5]
     rates, k_l = np.array([F_rate, winding, *bending]), soil.k[0]
     return p_x, p_y, F_n, F_l, F_t, u, held, k_l, share * held * k_l, rolling.radius, rates, Q, R, more
+
+
+def _bending(
+    slip: Array, z: Array, k: Array, stiff: float, renewal: float, most: float, dt: float, fx: PlainEffects
+) -> Array:
+    """How fast bristles bend (2,), m/s: they give way along the normal of what friction holds, `most` (N)."""
+    shape = np.array([1.0, 1.0 / fx.ask("lateral_grip")])
+    F = stiff * k * (z + dt * slip) / (1 + dt * renewal)
+    normal, used = shape**2 * F, np.linalg.norm(shape * F) / max(most, LIGHT)
+    plastic = max(normal @ (k * slip), 0.0) / max(normal @ (k * normal), 1e-30)
+    release = renewal + used * plastic * stiff * shape**2 * k
+    rate: Array = (slip - release * z) / (1 + dt * release)
+    return rate
 
 
 def _built_up(fx: PlainEffects, steady: float, now: float, p_x: float, dt: float) -> tuple[float, float]:
