@@ -434,8 +434,8 @@ def _bending(
     """How fast bristles bend (2,), m/s: they give way along the normal of what friction holds, `most` (N)."""
     shape = np.array([1.0, 1.0 / fx.ask("lateral_grip")])
     F = stiff * k * (z + dt * slip) / (1 + dt * renewal)
-    normal, used = shape**2 * F, np.linalg.norm(shape * F) / max(most, LIGHT)
-    plastic = max(normal @ (k * slip), 0.0) / max(normal @ (k * normal), 1e-30)
+    normal, used = shape**2 * F, float(np.linalg.norm(shape * F)) / max(most, LIGHT)
+    plastic = max(float(normal @ (k * slip)), 0.0) / max(float(normal @ (k * normal)), 1e-30)
     release = renewal + used * plastic * stiff * shape**2 * k
     rate: Array = (slip - release * z) / (1 + dt * release)
     return rate
