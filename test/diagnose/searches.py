@@ -21,7 +21,7 @@ def try_only(monkeypatch: pytest.MonkeyPatch, *effects: str) -> None:
     """Have searches by rotations try these effects alone, and none on a disc.
 
     Screening all of the list is most of what a search costs; that the right one of all is named is asked in
-    test_hidden_slice.py and test_elsewhere.py.
+    test_seeds.py and test_elsewhere.py.
     """
     every = forward.hypotheses
 

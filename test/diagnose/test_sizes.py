@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from diagnose.hidden import case
 from diagnose.hidden.cases import driven
-from diagnose.searches import FEW, try_only
 from diagnose.turns import EVEN
 
-from artibot_sim.diagnose import Verdict, diagnose
 from artibot_sim.diagnose.candidates.hypotheses import hypotheses, with_effect, without_effect
 from artibot_sim.diagnose.sizes import RobotScale, factors, scale_of, sized
 from artibot_sim.estimation.solver import evaluate
@@ -68,20 +66,6 @@ def test_a_scaled_robot_has_scaled_sizes() -> None:
 def test_hidden_effects_are_as_large_as_the_robot() -> None:
     _, put_in, _ = driven(("external_force",), 1.0, 3, 1, 5.0, robot="epiq")
     assert put_in["external_force"]["force"] == pytest.approx(35.0 * scale_of(EPIQ).mass)
-
-
-@pytest.mark.long
-def test_a_light_rovers_small_effect_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of Agri.q it would not be a tenth of a plain one."""
-    try_only(monkeypatch, *FEW, "joint_friction", "joint_stiffness")
-    effect, name, size = "joint_friction", "torque", 0.15
-    plain = next(iter(sized(effect, EPIQ).search.sizes.values()))
-    found = case((effect,), size / plain, 5, runs=1, duration=10.0, robot="epiq")
-    assert found.truth.effects[effect][name] == pytest.approx(size)
-    answer = diagnose(found.recordings, EPIQ, holdout=found.holdout)
-    assert answer.verdict is Verdict.NAMED
-    assert [cause.effect for cause in answer.causes] == [effect]
-    assert 0.5 < answer.causes[0].parameters[name].value / size < 2.0
 
 
 @pytest.mark.parametrize(("name", "shorter"), [("epiq", True), ("agriq", False)])

@@ -7,9 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnose.hidden.cases import Case, case
-from diagnose.searches import FEW, try_only
 
-from artibot_sim.diagnose import Verdict, diagnose
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.estimation.measurements import PAST
 from artibot_sim.estimation.parameters import ParameterSet
@@ -111,13 +109,3 @@ def test_what_a_window_began_with_is_no_force(hidden: Case, remembers: bool) -> 
         remains(problem, replace(point, residuals=problem.parts(np.concatenate(begun)))),
     )
     assert (spoiled == clean) is remembers
-
-
-@pytest.mark.long
-def test_it_is_named(hidden: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Among what acts between wheels and ground, too."""
-    try_only(monkeypatch, *FEW, "tyre_relaxation", "slip_ratio", "stribeck", "bulldozing", "friction_anisotropy")
-    found = diagnose(hidden.recordings, load_robot("agriq"), holdout=hidden.holdout)
-    assert found.verdict is Verdict.NAMED
-    assert [cause.effect for cause in found.causes] == ["tyre_relaxation"]
-    assert found.causes[0].parameters["length"].value == pytest.approx(LENGTH, rel=0.15)

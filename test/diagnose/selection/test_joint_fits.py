@@ -6,14 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnose.hidden import case
 from diagnose.searches import try_only
 from diagnose.turns import EVEN, TURNS
 
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, hypotheses, with_effect
 from artibot_sim.diagnose.candidates.screening import Trial, around, converged_baseline, screen
-from artibot_sim.diagnose.pipeline import baseline
-from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection import forward
 from artibot_sim.diagnose.selection.joint_fits import (
     FitCache,
@@ -34,24 +31,6 @@ from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import load_robot
 
 FAR = np.full(4, 2.0)
-
-
-@pytest.mark.long
-def test_what_sensitivities_promise_is_fitted_though_other_branches_hide_it() -> None:
-    """As after probes that all threw windows off their branch: of the softened ground only a least_expected is left."""
-    robot = load_robot("agriq")
-    problem, fit = baseline(case(("soil_softening",), 0.3, 212777215).recordings, robot, Options())
-    base, control = converged_baseline(problem, fit.loss, fit.point, Rounds().few)
-    softening = [one for one in hypotheses(robot, problem.stretches) if one.id == "soil_softening"]
-    (trial,) = screen(base, softening)
-    assert trial.expected_gain > 100.0
-    begin = np.append(base.point.coordinates, 0.0)
-    neutral = evaluate(trial.problem, fit.loss, [begin], base.point.starts)[0]
-    hidden = replace(trial, point=neutral)
-    assert hidden.point.cost >= control.cost
-    (rival,) = contest([hidden], control.cost, fit.loss, Rounds())
-    assert 0.5 * (control.cost - rival.fit.point.cost) > 100.0
-    assert not contest([hidden], control.cost, fit.loss, Rounds(most_expected=0))
 
 
 @pytest.mark.long
