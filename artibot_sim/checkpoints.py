@@ -7,12 +7,17 @@ everything begins anew.
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import shutil
+import signal
+import sys
 import tempfile
+import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeVar, cast
@@ -23,6 +28,10 @@ Part = TypeVar("Part")
 
 _KEY = "key"
 """File that holds what the parts are of."""
+_RUNNING = "running"
+"""File that is there while a process computes: one that was killed leaves it behind."""
+_BY_OTHERS = ("SIGTERM", "SIGHUP")
+"""Signals by which a machine that shuts down, a scheduler or a terminal that is closed ends a process."""
 
 
 class Checkpoints:
@@ -40,10 +49,13 @@ class Checkpoints:
     ----------
     taken : int
         Parts that an earlier computation had finished.
+    killed : str
+        What is known of an earlier computation that ended without a word; empty where none did.
     """
 
     def __init__(self, folder: Path | None = None) -> None:
         self.folder, self.taken = folder, 0
+        self.killed = "" if folder is None else _killed(folder / _RUNNING)
         self._shared: tuple[Any, ...] = ()
         self._number, self._going_on = 0, False
         self._begun = time.perf_counter()
@@ -63,13 +75,13 @@ class Checkpoints:
             return
         stated = self.folder / _KEY
         self._going_on = stated.is_file() and stated.read_text("utf-8", "replace") == key
-        if self._going_on:
-            return
         try:
-            if stated.is_file():  # of other inputs, or another version
-                shutil.rmtree(self.folder)
-            self.folder.mkdir(parents=True, exist_ok=True)
-            _written(stated, key.encode())
+            if not self._going_on:
+                if stated.is_file():  # of other inputs, or another version
+                    shutil.rmtree(self.folder)
+                self.folder.mkdir(parents=True, exist_ok=True)
+                _written(stated, key.encode())
+            self._note_running()
         except OSError as error:
             raise ArtibotError(f"{self.folder}: cannot be made: {error.strerror}; give another --out") from error
 
@@ -118,6 +130,41 @@ class Checkpoints:
         if self.folder is not None:
             shutil.rmtree(self.folder, ignore_errors=True)
 
+    @contextmanager
+    def told(self, tell: Callable[[str], None]) -> Iterator[None]:
+        """Within, `tell` says what is kept when Ctrl-C or a signal ends the computation, and which one was killed.
+
+        A signal that asks for the end (SIGTERM, SIGHUP) ends the process with 128 and its number, as shells have it.
+        """
+        if self.killed:
+            tell(f"note: {self.killed}")
+        came: list[signal.Signals] = []
+
+        def end(number: int, _frame: Any) -> None:
+            came.append(signal.Signals(number))
+            raise KeyboardInterrupt
+
+        with _handled(end):
+            try:
+                yield
+            except KeyboardInterrupt:
+                what = f"ended by {came[0].name}" if came else "interrupted"
+                kept = f"what was finished is kept in {self.folder}; the same command goes on"
+                tell(f"{what}: {kept if self.kept else 'nothing was finished yet, nothing is kept'}")
+                if came:
+                    raise SystemExit(128 + came[0]) from None
+                raise
+            finally:
+                if self.folder is not None:
+                    with suppress(OSError):
+                        (self.folder / _RUNNING).unlink(missing_ok=True)
+
+    def _note_running(self) -> None:
+        """That this process computes, for how long, and with how much memory: it cannot say so once it is killed."""
+        assert self.folder is not None
+        stated = {"pid": os.getpid(), "seconds": round(self.elapsed), "megabytes": _peak_memory()}
+        _written(self.folder / _RUNNING, json.dumps(stated).encode())
+
     def _read(self, path: Path) -> tuple[str, float, Any]:
         with path.open("rb") as stream:
             stated: tuple[str, float, Any] = _Reader(stream, self._shared).load()
@@ -132,6 +179,58 @@ class Checkpoints:
             os.replace(temporary, path)
         except (OSError, TypeError, AttributeError, pickle.PicklingError):
             Path(temporary).unlink(missing_ok=True)
+        with suppress(OSError):
+            self._note_running()
+
+
+def _killed(running: Path) -> str:
+    """What the file of a process that runs no more says of its end."""
+    try:
+        stated = json.loads(running.read_text("utf-8"))
+        pid, seconds, megabytes = (int(stated[name]) for name in ("pid", "seconds", "megabytes"))
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
+    if pid == os.getpid() or _runs(pid):
+        return ""
+    return (
+        f"an earlier call (process {pid}) was killed after {seconds} s or more, perhaps for lack of memory: it had "
+        f"taken {megabytes} MB by then; with fewer --workers or shorter recordings it takes less"
+    )
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # another user's
+        return True
+    return True
+
+
+def _peak_memory() -> int:
+    """MB that this process has taken at most; 0 where the system does not say."""
+    try:
+        import resource
+    except ModuleNotFoundError:
+        return 0
+    unit = 1 if sys.platform == "darwin" else 1024  # bytes there, kB elsewhere
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit // 1_000_000
+
+
+@contextmanager
+def _handled(handler: Callable[[int, Any], None]) -> Iterator[None]:
+    """Within, `handler` takes signals that ask for the end, but those that are ignored (nohup)."""
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (getattr(signal, name) for name in _BY_OTHERS if hasattr(signal, name)):
+            if signal.getsignal(number) is signal.SIG_DFL:
+                before[number] = signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number, was in before.items():
+            signal.signal(number, was)
 
 
 def _written(path: Path, data: bytes) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import os
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -9,6 +11,7 @@ from typing import Any
 import pytest
 
 from artibot_sim.checkpoints import Checkpoints
+from artibot_sim.errors import ArtibotError
 
 
 class Course:
@@ -84,3 +87,31 @@ def test_time_spent_before_counts(tmp_path: Path) -> None:
     assert again.elapsed < 50.0
     again.once("x", lambda: 2)
     assert again.elapsed >= 100.0
+
+
+@pytest.mark.parametrize(
+    ("pid", "left", "told"),
+    [
+        (
+            2**22 + 1,
+            None,
+            "process 4194305) was killed after 7 s or more, perhaps for lack of memory: it had taken 80 MB",
+        ),
+        (os.getppid(), None, ""),  # it still runs
+        (2**22 + 1, '{"pid": 4194305, "sec', ""),  # cut off
+    ],
+)
+def test_who_was_killed_is_told(tmp_path: Path, pid: int, left: str | None, told: str) -> None:
+    """By what its process left: no process has a number beyond 4194304."""
+    (tmp_path / "running").write_text(left or json.dumps({"pid": pid, "seconds": 7, "megabytes": 80}))
+    assert told in Checkpoints(tmp_path).killed and bool(Checkpoints(tmp_path).killed) == bool(told)
+
+
+def test_who_computes_says_so_and_takes_it_back_at_the_end(tmp_path: Path) -> None:
+    parts, said = Checkpoints(tmp_path / "kept"), []
+    running = tmp_path / "kept" / "running"
+    with pytest.raises(ArtibotError), parts.told(said.append):
+        parts.begin("a")
+        assert json.loads(running.read_text())["pid"] == os.getpid()
+        raise ArtibotError("unusable")
+    assert not running.exists() and not said

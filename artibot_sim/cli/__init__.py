@@ -6,6 +6,8 @@ lines are read by click (`artibot_sim.cli.group`); where that is missing, simula
 
 from __future__ import annotations
 
+import contextlib
+import faulthandler
 import gc
 import importlib
 import importlib.util
@@ -87,6 +89,9 @@ def _run_plain(word: str, args: Sequence[str]) -> Any:
 
 def _guard(run: Callable[[], Any]) -> int:
     progress.compiling[:] = [progress.CompilationNotice()]
+    if not faulthandler.is_enabled():
+        with contextlib.suppress(AttributeError, OSError, RuntimeError, ValueError):  # no standard error, or no file
+            faulthandler.enable()  # a crash in compiled code says where it was, instead of nothing at all
     try:
         status = run()
     except ArtibotError as error:

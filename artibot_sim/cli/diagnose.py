@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,6 @@ from artibot_sim.exchange.own_effects import effects_option
 from artibot_sim.report.files import fault_of_folder, write_folder
 
 if TYPE_CHECKING:
-    from artibot_sim.checkpoints import Checkpoints
     from artibot_sim.experiment import Experiment
     from artibot_sim.model import Robot
     from artibot_sim.progress import Bar
@@ -102,7 +101,8 @@ def command(
         false_alarm_rate=false_alarms or FALSE_ALARM_RATE, scheduler=scheduler and check_address(scheduler),
         budget=budget or float("inf"), residual=residual, parts=parts,
     )  # fmt: skip
-    with _kept(parts), Bar(total=1.0 + _READING * (len(recordings) + len(holdout)), kept=True) as bar:
+    total = 1.0 + _READING * (len(recordings) + len(holdout))
+    with parts.told(partial(click.echo, err=True)), Bar(total=total, kept=True) as bar:
         naming = {"topics": topics, "joints": joints, "namespace": namespace}
         used = [_read(path, rover, naming, bar) for path in recordings]
         held = [_read(path, rover, naming, bar) for path in holdout]
@@ -122,17 +122,6 @@ def command(
     beside = "diagnosis.json, extended.yaml and best.yaml" if found.best_robot else "diagnosis.json and extended.yaml"
     console.print(f"wrote {out / 'report.html'} and, beside it, {beside}", soft_wrap=True)
     return 0
-
-
-@contextmanager
-def _kept(parts: Checkpoints) -> Iterator[None]:
-    """Say after Ctrl-C what is kept."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        said = f"what was finished is kept in {parts.folder}; the same command goes on"
-        click.echo(f"interrupted: {said if parts.kept else 'nothing was finished yet, nothing is kept'}", err=True)
-        raise
 
 
 def _read(path: Path, rover: Robot, naming: Mapping[str, Any], bar: Bar) -> Experiment:

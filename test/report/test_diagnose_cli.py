@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -113,3 +117,36 @@ def test_ctrl_c_says_that_the_same_command_goes_on(
     assert main(["diagnose", str(drives[0]), "--robot", "agriq", "--out", str(out)]) == 130
     assert "the same command goes on" in capsys.readouterr().err
     assert not out.exists() and (tmp_path / "found.unfinished" / "000").exists()
+
+
+def test_a_killed_diagnosis_is_told_by_the_next_call_and_a_signal_at_once(drives: list[Path], tmp_path: Path) -> None:
+    """A process that was killed, as the system does where memory is short, can say nothing by itself."""
+    out, running = tmp_path / "found", tmp_path / "found.unfinished" / "running"
+    command = [
+        sys.executable,
+        "-m",
+        "artibot_sim.cli",
+        "diagnose",
+        *map(str, drives),
+        "--robot",
+        "agriq",
+        "--out",
+        str(out),
+    ]
+
+    def ended_by(number: signal.Signals) -> tuple[int, str]:
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+            give_up = time.monotonic() + 120.0
+            while not (running.exists() and json.loads(running.read_text())["pid"] == process.pid):
+                assert process.poll() is None and time.monotonic() < give_up
+                time.sleep(0.02)
+            process.send_signal(number)
+            said = process.communicate(timeout=60.0)[1]
+        return process.returncode, said
+
+    assert ended_by(signal.SIGKILL)[0] == -signal.SIGKILL
+    status, said = ended_by(signal.SIGTERM)
+    assert status == 128 + signal.SIGTERM
+    assert "was killed after" in said and "perhaps for lack of memory: it had taken" in said
+    assert "ended by SIGTERM: " in said
+    assert not out.exists() and not running.exists(), "what was told is not told again"
