@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -75,9 +75,23 @@ ETA, TORQUE, ETA_NEXT, TORQUE_NEXT = range(4)
 """Rows of what is fed back from step to step, a column a side."""
 
 
+class Now(NamedTuple):
+    """What MuJoCo hands its callbacks, by its own names; `com` is the centre of mass that velocities are about."""
+
+    qpos: Array
+    qvel: Array
+    xpos: Array
+    xmat: Array
+    cvel: Array
+    com: Array
+    qfrc: Array
+    xfrc: Array
+
+
 @njit
-def _train_law(n, own, call, fed, command, load, rims, first, qpos, qvel, xpos, xmat, cvel, com, qfrc, xfrc):  # type: ignore[no-untyped-def]
+def _train_law(n, own, call, fed, command, load, rims, first, now):  # type: ignore[no-untyped-def]
     """As `mujoco_peer` has it of two modules; `own` is (modules, 9): r_0, half spacings, gear, and share of eq. 30."""
+    qpos, qvel, xpos, xmat, cvel, com, qfrc, xfrc = now
     stage, step = call % n.stages, call // n.stages
     sides = 2 * len(own)
     if stage == 0:
@@ -170,10 +184,10 @@ def in_mujoco(robot: Robot, commands: Commands, dt: float = STEP) -> law.MujocoR
 
     def passive(_: Any, now: Any) -> None:
         nonlocal calls
-        _train_law(
-            n, own, calls, fed, command, load, rims, first, now.qpos, now.qvel, now.xpos, now.xmat, now.cvel,
-            now.subtree_com[1], now.qfrc_passive, now.xfrc_applied,
-        )  # fmt: skip
+        given = Now(
+            now.qpos, now.qvel, now.xpos, now.xmat, now.cvel, now.subtree_com[1], now.qfrc_passive, now.xfrc_applied
+        )
+        _train_law(n, own, calls, fed, command, load, rims, first, given)
         calls += 1
 
     steps, every = round(commands.duration / dt), round(commands.dt / dt)

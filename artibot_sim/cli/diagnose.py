@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from artibot_sim.cli.options import holdout_share_option, reading_options
+from artibot_sim.cli.options import GivenRecordings, gathered, holdout_share_option, reading_options
 from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.own_effects import effects_option
 from artibot_sim.report.files import fault_of_folder, write_folder
-
-if TYPE_CHECKING:
-    from artibot_sim.experiment import Experiment
-    from artibot_sim.model import Robot
-    from artibot_sim.progress import Bar
 
 _BAG = click.Path(path_type=Path)
 _READING = 0.05
@@ -44,7 +38,7 @@ _READING = 0.05
     help="Odds assumed beforehand that some effect is at work [1].",
 )  # fmt: skip
 @click.option(
-    "--false-alarms", type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
+    "--false-alarms", "false_alarm_rate", type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True),
     help="Share of recordings with nothing hidden in which an effect may be named, at most [0.01].",
 )  # fmt: skip
 @click.option("--residual", is_flag=True, help="Write residual.npz, learned without physics, if it predicts better.")
@@ -54,12 +48,8 @@ _READING = 0.05
     metavar="SECONDS",
     help="Time for all of it, about; what was not tried for it is said [none].",
 )
-def command(
-    recordings: tuple[Path, ...], robot: str, out: Path, holdout: tuple[Path, ...], holdout_share: float | None,
-    horizon: float, topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None, seed: int,
-    workers: int | None, scheduler: str | None, prior_odds: float | None, false_alarms: float | None, residual: bool,
-    budget: float | None,
-) -> int:  # fmt: skip
+@gathered(GivenRecordings, "given")
+def command(given: GivenRecordings, robot: str, out: Path, scheduler: str | None, **asked: Any) -> int:
     """Find what the simulation gets wrong on recordings, where and when, which physical effect it is, how sure that
     is, and what it gains.
 
@@ -82,9 +72,7 @@ def command(
     from artibot_sim.checkpoints import Checkpoints
     from artibot_sim.cluster import check_address
     from artibot_sim.diagnose import Options, diagnose
-    from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS
     from artibot_sim.estimation.boosting import MISSING, can_grow
-    from artibot_sim.experiment.blocks import without_share
     from artibot_sim.model import load_robot
     from artibot_sim.progress import Bar
     from artibot_sim.report.diagnosis.files import files_of
@@ -93,21 +81,13 @@ def command(
 
     if why := fault_of_folder(out):
         raise ArtibotError(f"--out {out}: cannot be written: {why}")
-    if holdout and holdout_share is not None:
-        raise ArtibotError("--holdout and --holdout-share: give one of them")
     rover, parts = load_robot(robot), Checkpoints(out.with_name(f"{out.name}.unfinished"))
     options = Options(
-        horizon=horizon, seed=seed, workers=workers, prior_odds=prior_odds or PRIOR_ODDS,
-        false_alarm_rate=false_alarms or FALSE_ALARM_RATE, scheduler=scheduler and check_address(scheduler),
-        budget=budget or float("inf"), residual=residual, parts=parts,
+        scheduler=scheduler and check_address(scheduler), parts=parts,
+        **{name: value for name, value in asked.items() if value is not None},
     )  # fmt: skip
-    total = 1.0 + _READING * (len(recordings) + len(holdout))
-    with parts.told(partial(click.echo, err=True)), Bar(total=total, kept=True) as bar:
-        naming = {"topics": topics, "joints": joints, "namespace": namespace}
-        used = [_read(path, rover, naming, bar) for path in recordings]
-        held = [_read(path, rover, naming, bar) for path in holdout]
-        if holdout_share is not None:
-            used, held = without_share(used, holdout_share)
+    with parts.told(partial(click.echo, err=True)), Bar(total=1.0 + _READING * given.count, kept=True) as bar:
+        used, held = given.read(rover, bar, _READING)
         found = diagnose(used, rover, holdout=held, options=options, progress=bar.stages(1.0))
     write_folder(out, files_of(found, page_of(found, __version__)))
     parts.done()
@@ -117,14 +97,8 @@ def command(
     console.print(found)
     if not can_grow():
         click.echo(f"note: how much is explainable at all is not said: {MISSING}", err=True)
-    if residual and found.residual is None:
+    if options.residual and found.residual is None:
         click.echo("note: no residual.npz: nothing that was learned surely predicts better", err=True)
     beside = "diagnosis.json, extended.yaml and best.yaml" if found.best_robot else "diagnosis.json and extended.yaml"
     console.print(f"wrote {out / 'report.html'} and, beside it, {beside}", soft_wrap=True)
     return 0
-
-
-def _read(path: Path, rover: Robot, naming: Mapping[str, Any], bar: Bar) -> Experiment:
-    from artibot_sim.experiment import open_recording
-
-    return open_recording(path, rover, progress=bar.stage(f"reading {path.name}", _READING), **naming)

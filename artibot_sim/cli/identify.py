@@ -2,26 +2,73 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from artibot_sim.cli.options import holdout_share_option, reading_options
+from artibot_sim.cli.options import GivenRecordings, gathered, holdout_share_option, reading_options
 from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.own_effects import effects_option
 from artibot_sim.report.files import fault
 
 if TYPE_CHECKING:
-    from artibot_sim.experiment import Experiment
-    from artibot_sim.model import Robot
-    from artibot_sim.progress import Bar
+    from artibot_sim.identify import Work
 
 _BAG = click.Path(path_type=Path)
 _FILE = click.Path(path_type=Path, dir_okay=False)
 _READING = 0.1
 """Share of the time that reading one recording takes, of that for identifying."""
+
+MOST = 400_000
+"""Messages that are read at most: 22 minutes of three topics at 100 Hz, twice as long as what is fitted at most."""
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Files to write.
+
+    Attributes
+    ----------
+    out : Path
+        The robot file.
+    report, as_json : Path or None
+    """
+
+    out: Path
+    report: Path | None
+    as_json: Path | None
+
+    @property
+    def paths(self) -> list[Path]:
+        """All of them; the page has a picture beside it."""
+        picture = self.report.with_suffix(".png") if self.report else None
+        return [path for path in (self.out, self.report, picture, self.as_json) if path is not None]
+
+    def check(self) -> None:
+        """Refuse before the work what could not be written after it."""
+        for path in self.paths:
+            if self.paths.count(path) > 1:
+                raise ArtibotError(f"{path}: asked for twice; give each output its own name")
+            if why := fault(path):
+                raise ArtibotError(f"{path}: cannot be written: {why}")
+
+    def write(self, work: Work) -> None:
+        """Write the page, its picture and the JSON, all or none."""
+        import json
+
+        from artibot_sim.report.files import write_files
+        from artibot_sim.report.identification import figure_of, page_of
+        from artibot_sim.report.png import render_png
+
+        files: dict[Path, bytes] = {}
+        if self.report is not None:
+            files[self.report] = page_of(work)
+            files[self.report.with_suffix(".png")] = render_png(figure_of(work))
+        if self.as_json is not None:
+            files[self.as_json] = (json.dumps(work.result.as_dict(), indent=1, ensure_ascii=False) + "\n").encode()
+        write_files(files)
 
 
 @click.command("identify", context_settings={"help_option_names": ["-h", "--help"]})
@@ -53,11 +100,11 @@ _READING = 0.1
 @click.option("--starts", type=click.IntRange(1), help="Places that the search starts from [3].")
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Search from each on a worker of this Dask cluster.")
 @click.option("--workers", type=click.IntRange(1), help="Threads [as many as cores]; the result is the same.")
+@gathered(GivenRecordings, "given")
+@gathered(Outputs, "outputs")
 def command(
-    recordings: tuple[Path, ...], robot: str, out: Path, names: str, priors: tuple[str, ...], holdout: tuple[Path, ...],
-    holdout_share: float | None, window: float, topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None,
-    report: Path | None, as_json: Path | None, seed: int, starts: int | None, scheduler: str | None,
-    workers: int | None,
+    given: GivenRecordings, outputs: Outputs, robot: str, names: str, priors: tuple[str, ...], window: float, seed: int,
+    starts: int | None, scheduler: str | None, workers: int | None,
 ) -> int:  # fmt: skip
     """Identify soil (and geometry) from recordings: values with 95 % intervals, written as a robot file.
 
@@ -75,71 +122,24 @@ def command(
     from rich.console import Console
 
     from artibot_sim.cluster import check_address
-    from artibot_sim.experiment.blocks import without_share
     from artibot_sim.identify import Effort, identify, parse_priors
     from artibot_sim.model import load_robot, save_robot
     from artibot_sim.progress import Bar
 
     effort = Effort(starts=starts or Effort().starts, scheduler=scheduler and check_address(scheduler))
-    picture = report.with_suffix(".png") if report else None
-    outputs = [path for path in (out, report, picture, as_json) if path is not None]
-    _check_outputs(outputs)
+    outputs.check()
     rover, known = load_robot(robot), parse_priors(priors)
     fitted = [name for name in names.split(",") if name.strip()]
-    if holdout and holdout_share is not None:
-        raise ArtibotError("--holdout and --holdout-share: give one of them")
-    with Bar(total=1.0 + _READING * (len(recordings) + len(holdout))) as bar:
-        naming = {"topics": topics, "joints": joints, "namespace": namespace}
-        used = [_read(path, rover, naming, bar) for path in recordings]
-        held = [_read(path, rover, naming, bar) for path in holdout]
-        if holdout_share is not None:
-            used, held = without_share(used, holdout_share)
+    with Bar(total=1.0 + _READING * given.count) as bar:
+        used, held = given.read(rover, bar, _READING, MOST)
         work = identify(
             used, rover, fit=fitted, priors=known, holdout=held, window=window, effort=effort,
             seed=seed, workers=workers, progress=bar.stage("identifying", 1.0),
         )  # fmt: skip
-    save_robot(work.result.robot, out)
-    _write(work, report, as_json)
+    save_robot(work.result.robot, outputs.out)
+    outputs.write(work)
     console = Console(highlight=False)
     console.print(work.result)
-    for path in outputs:
+    for path in outputs.paths:
         console.print(f"wrote {path}", soft_wrap=True)
     return 0
-
-
-MOST = 400_000
-"""Messages that are read at most: 22 minutes of three topics at 100 Hz, twice as long as what is fitted at most."""
-
-
-def _check_outputs(paths: Sequence[Path]) -> None:
-    """Refuse before the work what could not be written after it."""
-    for path in paths:
-        if list(paths).count(path) > 1:
-            raise ArtibotError(f"{path}: asked for twice; give each output its own name")
-        if why := fault(path):
-            raise ArtibotError(f"{path}: cannot be written: {why}")
-
-
-def _read(path: Path, rover: Robot, naming: Mapping[str, Any], bar: Bar) -> Experiment:
-    from artibot_sim.experiment import open_recording
-
-    return open_recording(path, rover, most=MOST, progress=bar.stage(f"reading {path.name}", _READING), **naming)
-
-
-def _write(work: object, report: Path | None, as_json: Path | None) -> None:
-    """Write the page, its picture and the JSON, all or none."""
-    import json
-
-    from artibot_sim.identify import Work
-    from artibot_sim.report.files import write_files
-    from artibot_sim.report.identification import figure_of, page_of
-    from artibot_sim.report.png import render_png
-
-    assert isinstance(work, Work)
-    files: dict[Path, bytes] = {}
-    if report is not None:
-        files[report] = page_of(work)
-        files[report.with_suffix(".png")] = render_png(figure_of(work))
-    if as_json is not None:
-        files[as_json] = (json.dumps(work.result.as_dict(), indent=1, ensure_ascii=False) + "\n").encode()
-    write_files(files)

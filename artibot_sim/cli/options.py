@@ -1,11 +1,42 @@
-"""Options that several commands share: how a recording is read, and what of it is held out."""
+"""Options that several commands share: how a recording is read, and what of it is held out; options as one record."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass, fields
+from functools import wraps
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
+
+from artibot_sim.errors import ArtibotError
+
+if TYPE_CHECKING:
+    from artibot_sim.experiment import Experiment
+    from artibot_sim.model import Robot
+    from artibot_sim.progress import Bar
+
+
+def gathered(record: Callable[..., Any], name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Give a command the options that are fields of a dataclass as one of its parameters.
+
+    Parameters
+    ----------
+    record : dataclass
+    name : str
+        Of the parameter.
+    """
+    names = [field.name for field in fields(record)]  # type: ignore[arg-type]
+
+    def decorated(command: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(command)
+        def called(*args: Any, **given: Any) -> Any:
+            return command(*args, **{name: record(**{each: given.pop(each) for each in names}), **given})
+
+        return called
+
+    return decorated
 
 
 def reading_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -31,3 +62,61 @@ holdout_share_option = click.option(
     "--holdout-share", type=click.FloatRange(0.0, 1.0, min_open=True, max_open=True), metavar="SHARE",
     help="Share of every recording to predict, not to fit, such as 0.5: blocks of 12 s of it in turn.",
 )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class GivenRecordings:
+    """Recordings to fit to, and what is held out of them or beside them.
+
+    Attributes
+    ----------
+    recordings, holdout : tuple of Path
+    holdout_share : float or None
+        Of every recording, instead of whole ones.
+    topics, joints : tuple of str
+    namespace : str or None
+    """
+
+    recordings: tuple[Path, ...]
+    holdout: tuple[Path, ...]
+    holdout_share: float | None
+    topics: tuple[str, ...]
+    joints: tuple[str, ...]
+    namespace: str | None
+
+    def __post_init__(self) -> None:
+        if self.holdout and self.holdout_share is not None:
+            raise ArtibotError("--holdout and --holdout-share: give one of them")
+
+    @property
+    def count(self) -> int:
+        """How many are read."""
+        return len(self.recordings) + len(self.holdout)
+
+    def read(
+        self, robot: Robot, bar: Bar, size: float, most: int | None = None
+    ) -> tuple[list[Experiment], list[Experiment]]:
+        """What to fit to, and what to predict.
+
+        Parameters
+        ----------
+        robot : Robot
+        bar : Bar
+        size : float
+            Of each one's stage in it.
+        most : int, optional
+            Messages of one that are read at most.
+        """
+        from artibot_sim.experiment import open_recording
+        from artibot_sim.experiment.blocks import without_share
+
+        limit = {} if most is None else {"most": most}
+
+        def read(path: Path) -> Experiment:
+            return open_recording(
+                path, robot, progress=bar.stage(f"reading {path.name}", size), topics=self.topics, joints=self.joints,
+                namespace=self.namespace, **limit,
+            )  # fmt: skip
+
+        used, held = [read(path) for path in self.recordings], [read(path) for path in self.holdout]
+        return (used, held) if self.holdout_share is None else without_share(used, self.holdout_share)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from artibot_sim.cli.options import gathered
 from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.own_effects import effects_option
 
@@ -17,6 +19,37 @@ if TYPE_CHECKING:
 
 PAGE = "sweep.html"
 INTERRUPTED = 130
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What flags say of a plan."""
+
+    axes: tuple[str, ...]
+    settings: tuple[str, ...]
+    robot: str | None
+    manoeuvre: str | None
+    latin: int | None
+    seed: int | None
+    dt: float | None
+    integrator: str | None
+    no_energy: bool
+
+    def document(self) -> dict[str, Any]:
+        """In a plan file's words, without what is not said."""
+        from artibot_sim.sweep import axis_from_text, setting_from_text
+
+        given = [axis_from_text(text) for text in self.axes]
+        twice = [axis.key for i, axis in enumerate(given) if any(other.key == axis.key for other in given[:i])]
+        if twice:
+            raise ArtibotError(f"--axis {twice[0]}: given twice; list all its values in one")
+        stated: dict[str, Any] = {
+            "robot": self.robot, "manoeuvre": self.manoeuvre, "runs": self.latin,
+            "method": "latin" if self.latin else None, "seed": self.seed, "dt": self.dt, "integrator": self.integrator,
+            "energy": False if self.no_energy else None, "axes": {axis.key: axis.as_dict() for axis in given} or None,
+            "set": dict(map(setting_from_text, self.settings)) or None,
+        }  # fmt: skip
+        return {word: value for word, value in stated.items() if value is not None}
 
 
 @click.command("sweep", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -39,10 +72,9 @@ INTERRUPTED = 130
 @click.option("--workers", type=click.IntRange(1), help="Processes [as many as cores]; results are the same.")
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Run on this Dask cluster; results are the same.")
 @click.option("--keys", is_flag=True, help="List what can be varied, with the robot's values, and end.")
+@gathered(Asked, "asked")
 def command(
-    file: str | None, axes: tuple[str, ...], settings: tuple[str, ...], robot: str | None, manoeuvre: str | None,
-    latin: int | None, seed: int | None, dt: float | None, integrator: str | None, no_energy: bool, out: Path,
-    workers: int | None, scheduler: str | None, keys: bool,
+    file: str | None, asked: Asked, out: Path, workers: int | None, scheduler: str | None, keys: bool
 ) -> int:  # fmt: skip
     """Simulate a grid or a Latin hypercube of parameters of robot, kappa, manoeuvre and effects.
 
@@ -58,19 +90,8 @@ def command(
       artibot sweep soil --scheduler tcp://127.0.0.1:8786 --out soil
     """
     from artibot_sim.cluster import check_address
-    from artibot_sim.sweep import axis_from_text, setting_from_text
 
-    given = [axis_from_text(text) for text in axes]
-    twice = [axis.key for i, axis in enumerate(given) if any(other.key == axis.key for other in given[:i])]
-    if twice:
-        raise ArtibotError(f"--axis {twice[0]}: given twice; list all its values in one")
-    extra: dict[str, Any] = {
-        "robot": robot, "manoeuvre": manoeuvre, "runs": latin, "method": "latin" if latin else None, "seed": seed,
-        "dt": dt, "integrator": integrator, "energy": False if no_energy else None,
-        "axes": {axis.key: axis.as_dict() for axis in given} or None,
-        "set": dict(map(setting_from_text, settings)) or None,
-    }  # fmt: skip
-    extra = {word: value for word, value in extra.items() if value is not None}
+    extra = asked.document()
     if keys:
         return _list_keys(extra)
     if scheduler is not None:

@@ -218,7 +218,7 @@ TABLE = (
     ),
     Row(
         "what one sensor's error leaves in the yaw rates is as slow as the other one: taken for noise, none is named",
-        ("gyro_bias", "encoder_scale"), 3.0, 31, "agriq", names("gyro_bias", "encoder_scale", within=0.05), BRIEF,
+        ("gyro_bias", "encoder_scale"), 3.0, 31, "agriq", names("encoder_scale", "gyro_bias", within=0.05), BRIEF,
         ("encoder_scale", "torque_scale", "pose_delay", "pose_lever_arm", "wheel_runout"),
     ),
     Row(
