@@ -27,12 +27,17 @@ _NORMAL = 1.96
 def found_parameters(
     extension: Extension, own: Array, covariance: Array, places: Mapping[str, Place] | None = None
 ) -> dict[str, EffectEstimate]:
-    """Values with intervals of one effect, its choices included; `places` has where on the ground it is."""
+    """Values with intervals of one effect, its choices included; `places` has where on the ground it is.
+
+    Parameters that no search looks for are neutral, and are left out.
+    """
     values = extension.values(own)
     low, high = _interval(extension, own, covariance)
     found: dict[str, EffectEstimate] = {}
     for name, parameter in extension.effect.parameters.items():
         quantity = parameter.quantity
+        if name not in values:
+            continue
         if isinstance(quantity, Choice):
             found[name] = EffectEstimate(str(values[name]))
         elif name in low:

@@ -11,6 +11,7 @@ from diagnose.hidden.cases import driven
 from diagnose.turns import EVEN
 
 from artibot_sim.diagnose.candidates.hypotheses import hypotheses, with_effect, without_effect
+from artibot_sim.diagnose.extended import found_parameters
 from artibot_sim.diagnose.sizes import RobotScale, factors, scale_of, sized
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.identify.problems import problem_of
@@ -66,6 +67,21 @@ def test_a_scaled_robot_has_scaled_sizes() -> None:
 def test_hidden_effects_are_as_large_as_the_robot() -> None:
     _, put_in, _ = driven(("external_force",), 1.0, 3, 1, 5.0, robot="epiq")
     assert put_in["external_force"]["force"] == pytest.approx(35.0 * scale_of(EPIQ).mass)
+
+
+@pytest.mark.parametrize("name", ["agriq", "epiq", "husky_driven", "train3"])
+def test_whatever_is_tried_can_be_named(name: str) -> None:
+    """With its values and as a robot, also where it has parameters that no search looks for."""
+    robot = load_robot(name)
+    for one in {one.id: one for one in hypotheses(robot, [])}.values():
+        extension, own = one.extension, np.full(len(one.extension), 0.4)
+        found = found_parameters(extension, own, 0.01 * np.eye(len(own)))
+        assert set(extension.search.sizes) <= set(found), one.id
+        values = {parameter: estimate.value for parameter, estimate in found.items()}
+        stated = replace(robot, effects={one.id: values}).effects[one.id]
+        assert all(stated[parameter] == value for parameter, value in values.items()), one.id
+        neutral = {name: p.neutral for name, p in EFFECTS[one.id].parameters.items() if name not in found}
+        assert all(stated[parameter] == value for parameter, value in neutral.items()), one.id
 
 
 @pytest.mark.parametrize(("name", "shorter"), [("epiq", True), ("agriq", False)])
