@@ -16,7 +16,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.urdf import urdf
 from artibot_sim.model import WHEEL_JOINTS, load_robot
 from artibot_sim.nodes.common.options import parameter_files
-from artibot_sim.nodes.common.pacer import Pacer, write_statistics
+from artibot_sim.nodes.common.pacer import Pacer, Seldom, write_statistics
 from artibot_sim.nodes.sim import parameters as parameters
 from artibot_sim.nodes.sim.parameters import rules, sensor_model, start, switched
 from artibot_sim.resources import config_names, config_path
@@ -120,6 +120,25 @@ def test_without_pace_there_is_no_waiting(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["s.json"]
     with pytest.raises(ArtibotError, match=r"stats: .*gone.* cannot be written"):
         write_statistics(tmp_path / "gone" / "s.json", pacer.statistics())
+
+
+def test_what_may_be_said_once_in_five_seconds_is_said_at_once_and_then_so_often(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = Record(now=0.0)
+    monkeypatch.setattr("artibot_sim.nodes.common.pacer.time.monotonic", lambda: clock.now)
+    say, said = Seldom(5.0), []
+    for tick in range(1200):
+        clock.now = 0.01 * tick
+        if say.due():
+            said.append(clock.now)
+    assert said == pytest.approx([0.0, 5.0, 10.0])
+
+
+def test_no_node_uses_rclpy_s_throttle() -> None:
+    """It looks for the file of its caller at each call, which costs a late simulator a tenth of its time."""
+    folder = Path(parameters.__file__).parents[1]
+    assert not [path.name for path in folder.rglob("*.py") if "throttle_duration_sec" in path.read_text("utf-8")]
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -15,6 +15,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from artibot_sim.nodes.common import arbiter
 from artibot_sim.nodes.common.arbiter import SIGN_OF_LIFE, TOPICS, CommandSource, Rules, parse_request, parse_twist
+from artibot_sim.nodes.common.pacer import Seldom
 from artibot_sim.nodes.common.profile import Profile, ProfileReader, Refused
 from artibot_sim.nodes.common.qos import LATCHED, subscription
 from artibot_sim.nodes.common.stamps import SECOND, stamp_of
@@ -119,6 +120,7 @@ class CommandInputs:
         self.closed = ""
         self.refusals: dict[CommandSource, str] = {}
         self._warned: dict[CommandSource, float] = {}
+        self._say_remark, self._say_stamped = Seldom(1.0), Seldom(5.0)
         self._aged, self.latest = aged, 0.0
         self._ways: dict[str, Lateness] = {}
         sensor = qos_profile_sensor_data
@@ -292,8 +294,8 @@ class CommandInputs:
         except Refused as reason:
             self._refuse(CommandSource.LIVE, reason)
             return
-        if remark:
-            self._log.warning(f"{TOPICS[CommandSource.LIVE]}: {remark}", throttle_duration_sec=1.0)
+        if remark and self._say_remark.due():
+            self._log.warning(f"{TOPICS[CommandSource.LIVE]}: {remark}")
         self.refusals.pop(CommandSource.LIVE, None)
         self.state = arbiter.take_live(self.state, velocity, effort, self._said_at(TOPICS[CommandSource.LIVE], info))
 
@@ -315,11 +317,11 @@ class CommandInputs:
         off = (stamp_ns - self.t_ns) / SECOND
         # a recording that is played again is no planner; without a stamp nobody can tell
         if stamp_ns and self.rules.needs_sign_of_life and abs(off) > self.rules.sign_tolerance:
-            if self._stopped_at is None:  # else the time does not go on that stamps are held against
+            # while it is stopped, the time does not go on that stamps are held against
+            if self._stopped_at is None and self._say_stamped.due():
                 self._log.warning(
                     f"planned/odom is stamped {off:+.1f} s from now: taken for no sign of life (a replay, another "
-                    "clock?)",
-                    throttle_duration_sec=5.0,
+                    "clock?)"
                 )
             return
         self.state = arbiter.take_sign_of_life(self.state, self._said_at(SIGN_OF_LIFE, info))

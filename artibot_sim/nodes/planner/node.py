@@ -27,6 +27,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from artibot_driver.priority import take_priority
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, load_robot
+from artibot_sim.nodes.common.pacer import Seldom
 from artibot_sim.nodes.common.parameters import declare, warn_of_unknown
 from artibot_sim.nodes.common.qos import LATCHED, publisher
 from artibot_sim.parameters import Spec
@@ -180,7 +181,7 @@ class PlannerNode(Node):
         )
         self.start_ns: int | None = None
         self.finished = False
-        self._say_at = 0.0
+        self._say_how_far = Seldom(SAY_EVERY)
         self._asked = asked
         self._path = publisher(self, Path, "planned/path", LATCHED)
         self._profile = publisher(self, JointTrajectory, "planned/front_velocity", LATCHED)
@@ -285,8 +286,7 @@ class PlannerNode(Node):
             self.finished = True
             return
         self._odom.publish(odometry(self.plan, t, now, self._frames))
-        if t > 0 and time.monotonic() >= self._say_at:  # rclpy's own throttle looks for the caller's file at every call
-            self._say_at = time.monotonic() + SAY_EVERY
+        if t > 0 and self._say_how_far.due():
             self.get_logger().info(f"{t:.0f} of {self.plan.duration:.0f} s")
 
     def _follow(self, executor: SingleThreadedExecutor) -> int:

@@ -33,7 +33,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.odometry import Odometry, Slip, metres_per_radian
 from artibot_sim.model import load_robot
 from artibot_sim.model.simulate.sensors import sensor_errors
-from artibot_sim.nodes.common.pacer import Pacer, check_stats
+from artibot_sim.nodes.common.pacer import Pacer, Seldom, check_stats
 from artibot_sim.nodes.common.parameters import keep_types, warn_of_unknown
 from artibot_sim.nodes.common.transforms import FrameNames, has_tf
 from artibot_sim.nodes.sim import parameters as parameters
@@ -103,7 +103,8 @@ class SimNode(Node):
         self._steps_due = 0
         self._serve_at = 0.0
         self._ahead = False
-        self._lost_ns, self._lost_said, self._lost_at = 0, False, 0.0
+        self._lost_ns, self._lost_said = 0, False
+        self._say_lost, self._say_late = Seldom(LATE_EVERY), Seldom(LATE_EVERY)
         self._listeners, self._ticks, self._tick_at = -1, 0, 0.0
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(SetBool, "~/pause", self._on_pause)
@@ -279,14 +280,13 @@ class SimNode(Node):
         overruns = self.pacer.overruns
         slipped = self.pacer.done()
         self._lost_ns += slipped
-        if self._lost_ns and time.monotonic() >= self._lost_at:
+        if self._lost_ns and self._say_lost.due():
             self._say_what_was_lost()
         if slipped:
             self._catch_up_with_system_time()
-        elif self.pacer.overruns > overruns:
+        elif self.pacer.overruns > overruns and self._say_late.due():
             self.get_logger().warning(
-                f"published more than a period late ({self.pacer.overruns} times so far); catching up",
-                throttle_duration_sec=5.0,
+                f"published more than a period late ({self.pacer.overruns} times so far); catching up"
             )
         if not slipped and not self.out.what.clock and self.pacer.rate == 1:
             self._follow_system_clock()
@@ -300,7 +300,7 @@ class SimNode(Node):
                 "and --use-sim-time for the planner"
             )
         self.get_logger().warning(text)
-        self._lost_ns, self._lost_said, self._lost_at = 0, True, time.monotonic() + LATE_EVERY
+        self._lost_ns, self._lost_said = 0, True
 
     def _follow_system_clock(self) -> None:
         """Set the stamps forward after the system clock was (NTP, by hand); say so when it was set back."""
