@@ -39,6 +39,25 @@ print(meanwhile - len(os.listdir("/proc/self/task")))
 """
 """Initialises rclpy, ends it, and says how many of its threads ended with it."""
 
+ASKED_EARLY = """
+import importlib.machinery
+import os
+import signal
+import sys
+from artibot_sim.cli import main
+
+create = importlib.machinery.ExtensionFileLoader.create_module
+
+def asked(loader, spec):
+    if spec.name.endswith("_rclpy_pybind11"):
+        os.kill(os.getpid(), signal.SIGINT)
+    return create(loader, spec)
+
+importlib.machinery.ExtensionFileLoader.create_module = asked
+sys.exit(main(sys.argv[1:]))
+"""
+"""Does what `artibot` does, and gets a signal while rclpy's extension is being imported."""
+
 HANDLES = {
     "Node", "LifecycleNode", "SingleThreadedExecutor", "Context", "Publisher", "Subscription", "Service", "Client",
     "Timer", "GuardCondition",
@@ -99,6 +118,17 @@ def test_the_thread_in_which_rclpy_waits_for_signals_ends_with_it(start_node: No
     process = start_node.run([sys.executable, "-c", COUNTED])
     assert process.wait() == 0
     assert process.output.split() == ["1"]
+
+
+@pytest.mark.parametrize("word", ["sim", "record"])
+def test_a_signal_during_the_import_of_rclpy_is_a_wish_to_end(
+    start_node: NodeStarter, tmp_path: Path, word: str
+) -> None:
+    """Raised in the midst of it, KeyboardInterrupt may come out as an ImportError, with a page of traceback."""
+    given = ("-o", str(tmp_path / "run")) if word == "record" else ()
+    node = start_node.run([sys.executable, "-c", ASKED_EARLY, word, *given], name=word)
+    assert node.wait() == 0, node.output
+    assert "Traceback" not in node.output
 
 
 @pytest.mark.parametrize("word", REFUSED)

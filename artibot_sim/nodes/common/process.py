@@ -154,11 +154,13 @@ def ros_process(name: str, ros_args: Sequence[str]) -> Iterator[list[int]]:
     ArtibotError
         When ROS refuses an argument, or a name that was given with one.
     """
-    import rclpy
-    from rclpy.exceptions import NameValidationException
-    from rclpy.signals import SignalHandlerOptions, uninstall_signal_handlers
-
     with asked_to_end() as asked:
+        # while signals are taken already: one that raised KeyboardInterrupt in the midst of an extension's import would
+        # come out as an ImportError
+        import rclpy
+        from rclpy.exceptions import NameValidationException
+        from rclpy.signals import SignalHandlerOptions, uninstall_signal_handlers
+
         try:
             with _clear_refusals():
                 rclpy.init(args=[name, *ros_args], signal_handler_options=SignalHandlerOptions.NO)

@@ -97,37 +97,36 @@ def run(
     ArtibotError
         If the folder exists, or the disk is full; what was written until then is kept.
     """
-    import rclpy
-
     from artibot_sim.experiment.writer import BagWriter
-    from artibot_sim.nodes.common.parameters import warn_of_unknown
     from artibot_sim.nodes.common.process import destroyed, ros_process
-    from artibot_sim.nodes.record.can import CanTap, open_listener
-    from artibot_sim.nodes.record.recorder import Recorder, RecordSelection
 
     if folder.exists():
         raise ArtibotError(f"{folder}: exists already; recordings are never overwritten, give another name with -o")
-    with (
-        ros_process("record", ros_args) as asked,
-        destroyed(rclpy.create_node("record", start_parameter_services=False)) as node,
-    ):
-        selection = RecordSelection(patterns, exclude, everything, node.resolve_topic_name)
-        listener = open_listener(node, *bus)
-        metadata = {"can": f"{listener.interface} {listener.channel}", **metadata} if listener else metadata
-        bag = BagWriter(folder, metadata, compression=compression, sync_period=sync)
-        recorder = Recorder(node, bag, selection)
-        warn_of_unknown(node, overrides=False)
-        node.get_logger().info(f"recording to {folder}; Ctrl-C ends it")
-        tap = CanTap(recorder, listener) if listener else None
-        try:
-            _loop(recorder, asked, duration)
-        finally:
-            if tap:
-                tap.close()
-            recorder.close()
-        _report(recorder, folder)
-        warn_of_unknown(node, overrides=True)
-        return 0
+    with ros_process("record", ros_args) as asked:
+        import rclpy
+
+        from artibot_sim.nodes.common.parameters import warn_of_unknown
+        from artibot_sim.nodes.record.can import CanTap, open_listener
+        from artibot_sim.nodes.record.recorder import Recorder, RecordSelection
+
+        with destroyed(rclpy.create_node("record", start_parameter_services=False)) as node:
+            selection = RecordSelection(patterns, exclude, everything, node.resolve_topic_name)
+            listener = open_listener(node, *bus)
+            metadata = {"can": f"{listener.interface} {listener.channel}", **metadata} if listener else metadata
+            bag = BagWriter(folder, metadata, compression=compression, sync_period=sync)
+            recorder = Recorder(node, bag, selection)
+            warn_of_unknown(node, overrides=False)
+            node.get_logger().info(f"recording to {folder}; Ctrl-C ends it")
+            tap = CanTap(recorder, listener) if listener else None
+            try:
+                _loop(recorder, asked, duration)
+            finally:
+                if tap:
+                    tap.close()
+                recorder.close()
+            _report(recorder, folder)
+            warn_of_unknown(node, overrides=True)
+    return 0
 
 
 def _loop(recorder: Any, asked: list[int], duration: float | None) -> None:
