@@ -4,9 +4,9 @@ Nodes nearby come and go meanwhile, some of them killed, and call the driver's s
 the middleware's threads go on in memory that is being given back. ``--checkout FOLDER`` ends drivers of another state
 of the code, ``--heap-checks`` lets glibc check and overwrite what is freed (its libc_malloc_debug.so.0), ``--memcheck``
 runs drivers under valgrind, a minute and more each, ``--shared`` lets drivers speak over shared memory too, beside
-killed nodes. Prints a line of JSON for each situation: ends by
-exit status or signal, and of those by a signal that was not sent the innermost functions of the thread that met it,
-where there are core files and gdb.
+killed nodes. Prints a line of JSON for each situation: ends by exit status or signal. Of those by a signal that was not
+sent, or with a status that is neither 0 nor 2 (refused), it has what was said last, and the innermost functions of the
+thread that met the signal, where there are core files and gdb.
 """
 
 from __future__ import annotations
@@ -76,6 +76,12 @@ LOADER = """{
 
 SHARED = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"}
 """With it a driver uses shared memory, too."""
+
+IN_ORDER = (0, 2)
+"""Statuses with which a driver ends: asked to, or because it refuses something."""
+
+SAID = 30
+"""Lines that are shown of what was said before an end that was not in order."""
 
 BY_US = (signal.SIGINT, signal.SIGTERM)
 """Signals that are sent; one that comes before Python has a handler ends the process as the system does."""
@@ -312,7 +318,7 @@ class Ends:
     outcomes : Counter
         By exit status, signal, or ``hangs``.
     crashes : list of dict
-        What is known of those by a signal that was not sent, and of those that hang.
+        What is known of those by another signal than was sent, with a status out of order, and of those that hang.
     """
 
     outcomes: collections.Counter[str] = field(default_factory=collections.Counter)
@@ -327,9 +333,9 @@ class Ends:
             end.process.wait(PATIENCE)
         name = "hangs" if status is None else signal.Signals(-status).name if status < 0 else f"status {status}"
         self.outcomes[name] += 1
-        if status is None or status == FOUND or (status < 0 and -status not in BY_US):
+        if status is None or (status not in IN_ORDER if status >= 0 else -status not in BY_US):
             core = next(iter(sorted(folder.glob("core*"))), None)
-            last = end.log.read_text(errors="replace").splitlines()[-3:]
+            last = end.log.read_text(errors="replace").splitlines()[-SAID:]
             found = threads if status is None else frames(["-c", str(core)]) if core else first_finding(folder)
             self.crashes.append({"end": name, "said": last, "frames": found})
 
@@ -468,7 +474,7 @@ def count_ends(situation: Situation, count: int, workers: Sequence[Worker]) -> E
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """End drivers, and print how they ended; the status is 1 where one ended by a signal that was not sent, or hung."""
+    """End drivers, and print how they ended; the status is 1 where one did not end in order."""
     parser = argparse.ArgumentParser(prog=f"python -m {__spec__.name}", description=str(__doc__).splitlines()[0])
     parser.add_argument("count", type=int, nargs="?", default=100, help="ends in each situation [100]")
     parser.add_argument("--situation", action="append", choices=list(SITUATIONS), help="only this; repeatable")
