@@ -26,6 +26,9 @@ LEAPS = "pose_leap"
 """The finding that says where poses have no relation to those before."""
 FLIPPED = "gyro_flip"
 """and the one that the gyroscope is upside down, which its own rate shows."""
+BIAS = "gyro_bias"
+"""The finding that yaw rates are too large all the time. No recording is changed for it: the effect of that name may be
+among what is fitted. Odometry, which has no pose to see it by, takes it from the robot file."""
 SHORTEST = 2.0
 """s between two leaps that are worth keeping."""
 EARLY = 0.1
@@ -139,7 +142,7 @@ def _known(robot: Robot, name: str, channel: Channel, value: float | None, unit:
 
 
 def with_faults(robot: Robot, timed: Sequence[Aligned], word: str) -> Robot:
-    """A robot whose file says what was wrong with streams in these recordings, where that was mended.
+    """A robot whose file says what was wrong with streams in these recordings: what was mended, and a gyroscope's bias.
 
     Parameters
     ----------
@@ -149,10 +152,12 @@ def with_faults(robot: Robot, timed: Sequence[Aligned], word: str) -> Robot:
         What the source begins with: ``identified`` or ``diagnosed``.
     """
     faults, sources, intervals = dict[str, float](), dict(robot.sources), dict(robot.intervals)
-    for name in (*SHIFTED, SCALED, FLIPPED):
+    names = (*SHIFTED, SCALED, FLIPPED, *(() if BIAS in robot.effects else (BIAS,)))
+    for name in names:
         found = [
             (one.experiment.name, was)
-            for one in timed for was in one.mended if was.name == name and (name != SCALED or _of_poses(one, was))
+            for one in timed for was in (one.found if name == BIAS else one.mended)
+            if was.name == name and (name != SCALED or _of_poses(one, was))
         ]  # fmt: skip
         if not found or len(found) < len(timed):  # in some recordings only: that is no property of the robot
             continue

@@ -261,8 +261,10 @@ class ModelOdometry:
         self.robot, self._kappa = replace(placeless(robot), name=robot.name), kappa
         self._streams, self._slip = streams or StreamProperties(), slip or self.SLIP
         self._scale = errors.encoder_scale
-        self.gyro = Gyroscope(self._streams, errors.gyro_bias)
         self._gyro_sign = -1.0 if robot.sensors.gyro_flip else 1.0
+        fitted = "gyro_bias" in robot.effects
+        bias = errors.gyro_bias if fitted else self._gyro_sign * robot.sensors.gyro_bias
+        self.gyro = Gyroscope(self._streams, bias)
         motors = 4 if robot.articulated else 2
         tau = [robot.drive.front.tau] * 2 + [(robot.drive.back or robot.drive.front).tau] * 2
         self._tau = np.array(tau)

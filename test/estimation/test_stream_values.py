@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from estimation.logger import trial
+from estimation.logger import FLAWS, drive, recorded, robot_of, trial
 
 from artibot_sim.estimation.alignment import on_one_clock, stream_table, with_faults
+from artibot_sim.estimation.model_odometry import ModelOdometry
 from artibot_sim.model.robot.file import robot_from_dict, robot_to_dict
 
 
@@ -76,6 +77,24 @@ def test_a_gyroscope_that_was_upside_down_once_is_turned_where_a_recording_does_
     upright = replace(experiment, channels={**experiment.channels, "imu": once.experiment.channels["imu"]})
     (right,) = on_one_clock([upright], known)  # it tells that it is right
     np.testing.assert_array_equal(right.experiment.channels["imu"]["yaw_rate"], upright.channels["imu"]["yaw_rate"])
+
+
+def test_a_gyroscope_s_bias_goes_into_the_robot_file_and_odometry_begins_with_it() -> None:
+    """Upside down or not; with the effect fitted it is the model's matter, and in one of two recordings nobody's."""
+    for name, sign in (("gyro_bias", 1.0), ("gyro_flip", -1.0)):
+        logger = replace(FLAWS[name], gyro_bias=0.05)
+        rng = np.random.default_rng(7)
+        robot = robot_of(rng)
+        timed = on_one_clock([recorded(drive(robot, rng), logger, rng)], robot)
+        known = robot_from_dict(robot_to_dict(with_faults(robot, timed, "identified")))
+        low, high = known.intervals["sensors.gyro_bias"]
+        assert low < sign * 0.05 < high and known.sensors.gyro_bias == pytest.approx(sign * 0.05, abs=0.005)
+        assert ModelOdometry(known).gyro.bias == pytest.approx(0.05, abs=0.005)
+        fitted = replace(robot, effects={"gyro_bias": {"bias": 0.02}})
+        assert with_faults(fitted, timed, "identified").sensors.gyro_bias == 0.0
+        assert ModelOdometry(replace(fitted, sensors=known.sensors)).gyro.bias == 0.02
+        clean = on_one_clock([trial("none", 5)[1]], robot)
+        assert with_faults(robot, [*timed, *clean], "identified").sensors.gyro_bias == 0.0
 
 
 def test_the_drift_of_a_clock_goes_into_the_robot_file_and_back() -> None:
