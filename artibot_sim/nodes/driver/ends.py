@@ -5,8 +5,8 @@ the middleware's threads go on in memory that is being given back. ``--checkout 
 of the code, ``--heap-checks`` lets glibc check and overwrite what is freed (its libc_malloc_debug.so.0), ``--memcheck``
 runs drivers under valgrind, a minute and more each, ``--shared`` lets drivers speak over shared memory too, beside
 killed nodes. Prints a line of JSON for each situation: ends by exit status or signal. Of those by a signal that was not
-sent, or with a status that is neither 0 nor 2 (refused), it has what was said last, and the innermost functions of the
-thread that met the signal, where there are core files and gdb.
+sent, or with a status out of order, it has what was said last, and the innermost functions of the thread that met the
+signal, where there are core files and gdb.
 """
 
 from __future__ import annotations
@@ -77,8 +77,8 @@ LOADER = """{
 SHARED = {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "FASTDDS_BUILTIN_TRANSPORTS": "DEFAULT"}
 """With it a driver uses shared memory, too."""
 
-IN_ORDER = (0, 2)
-"""Statuses with which a driver ends: asked to, or because it refuses something."""
+IN_ORDER = (0, 2, 130)
+"""Statuses with which a driver ends: asked to, because it refuses something, or interrupted before it takes signals."""
 
 SAID = 30
 """Lines that are shown of what was said before an end that was not in order."""
