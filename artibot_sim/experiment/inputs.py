@@ -9,7 +9,7 @@ import numpy as np
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.columns import Channel, Experiment, Floats
 from artibot_sim.experiment.measured import MeasuredMotion
-from artibot_sim.experiment.smoothing import STAMP, bridge, fit_around_kinks, fresh, hermite, local_fit
+from artibot_sim.experiment.smoothing import STAMP, bridge, fit_around_kinks, fresh, hermite, local_fit, smoothed
 from artibot_sim.model import MOTORS, Commands, Ground, Mode, Robot, Rollout, State, initial_state
 from artibot_sim.model.robot.parameters import SensorErrors
 from artibot_sim.model.simulate.commands import as_executed
@@ -214,10 +214,11 @@ def _from_positions(times: Floats, values: Floats, t: Floats, half_width: float)
 
 
 def _integrated(times: Floats, values: Floats, t: Floats) -> tuple[Floats, Floats]:
-    """Return the integral of recorded speeds, smoothed where they are dense enough for it, and the speeds."""
-    if float(np.median(np.diff(times))) <= HALF_WIDTH / 2:
-        values, _ = local_fit(times, values, times, HALF_WIDTH)
-    speed = np.interp(t, times, values)
+    """Return the integral of recorded speeds, smoothed as far as these allow, and the speeds.
+
+    A wheel that all but breaks away does so in the model wherever the noise of its speed is on the wrong side.
+    """
+    speed = np.interp(t, times, smoothed(times, values))
     angle = np.concatenate(([0.0], np.cumsum(0.5 * np.diff(t) * (speed[1:] + speed[:-1]))))
     return angle, speed
 

@@ -23,6 +23,10 @@ _BLOCK = 8192
 _NOISE_SAMPLES = 7
 _FEWEST = 15
 _NOISE_LEVERAGE = 7.0 / 21.0  # weight of the middle one of seven even samples in a cubic's value there
+_WIDTHS = (5, 7, 9, 11, 15, 21, 31, 41)
+"""Samples through which cubics are tried, from narrow to wide,"""
+_APART = (5, 11)
+"""and of two of them by which white noise is told from motion."""
 
 
 def local_fit(
@@ -139,6 +143,45 @@ def noise_in(rest: Floats) -> float:
     if not len(left):
         return 0.0
     return float(1.4826 * np.median(left) / np.sqrt(1.0 - _NOISE_LEVERAGE))
+
+
+def smoothed(t: Floats, y: Floats) -> Floats:
+    """Samples (n,) of something smooth with less of their white noise: local cubics, as wide as these samples allow.
+
+    The width is that of least estimated risk (Mallows' C_p): the mean square of what cubics leave over, and what their
+    noise adds. Samples without white noise, or with changes that no cubic follows, stay as they are.
+    """
+    moving = y != 0.0  # what stands is silent
+    if moving.sum() < _FEWEST:
+        return y
+    noise = _white_variance(t, y, moving)
+    best, least = y, 2.0 * noise
+    for count in _WIDTHS:
+        value, _ = local_fit(t, y, t, 0.0, least=count)
+        risk = float(np.mean((y - value) ** 2)) + 2.0 * noise * (1.0 - _passed(count)[0])
+        if risk >= least:
+            break
+        best, least = value, risk
+    return best
+
+
+def _white_variance(t: Floats, y: Floats, used: np.ndarray) -> float:
+    """Variance of the white noise in samples (n,), 0 where what cubics leave over is motion.
+
+    A narrow and a wide cubic leave nearly as much of white noise and not of a random walk. The wheels of a Warthog on
+    asphalt waver as a random walk up to 10 Hz, and its gyroscope shows it.
+    """
+    left = [1.4826 * float(np.median(np.abs(y - local_fit(t, y, t, 0.0, least=count)[0])[used])) for count in _APART]
+    white, _ = np.linalg.solve([_passed(count) for count in _APART], np.square(left))
+    return max(float(white), 0.0)
+
+
+def _passed(count: int) -> tuple[float, float]:
+    """Variances at the middle of `count` even samples that a cubic leaves of white noise and of a random walk of 1."""
+    powers = np.vander(np.arange(count) - count // 2, 4)
+    rest = -(powers @ np.linalg.pinv(powers))[count // 2]
+    rest[count // 2] += 1.0
+    return float(rest @ rest), float(np.sum(np.cumsum(rest)[:-1] ** 2))
 
 
 def bridge(t: Floats, at: Floats, value: Floats, rate: Floats, gap: float) -> tuple[Floats, Floats]:

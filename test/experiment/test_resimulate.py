@@ -20,7 +20,7 @@ from artibot_sim.estimation.windows import measured_start
 from artibot_sim.experiment import Experiment, read_bag, write_channels, write_experiment
 from artibot_sim.experiment.metrics import UNITS
 from artibot_sim.experiment.resimulate import ground_of, resimulate, robot_of
-from artibot_sim.experiment.smoothing import fresh, local_fit, noise_of
+from artibot_sim.experiment.smoothing import fresh, local_fit, noise_of, smoothed
 from artibot_sim.model import Commands, Robot, Rollout, load_ground, load_robot, rollout
 
 SOILS = {
@@ -333,6 +333,24 @@ def test_noise_is_found_under_motion_outliers_and_held_samples() -> None:
     held = np.repeat(y, 2)
     assert noise_of(np.arange(len(held)) * 0.05, held) == pytest.approx(0.02, rel=0.25)
     assert np.isnan(noise_of(t[:10], y[:10]))
+
+
+@pytest.mark.parametrize("spacing", [0.01, 0.03, 0.05])
+def test_speeds_lose_noise_and_keep_their_ramps(spacing: float) -> None:
+    random = np.random.default_rng(3)
+    t = np.arange(0.0, 60.0, spacing)
+    true = np.interp(t, np.arange(0.0, 61.0, 2.0), np.repeat(random.uniform(-6.0, 6.0, 16), 2)[:31])
+    assert np.array_equal(smoothed(t, true), true)
+    for noise in (0.03, 0.1, 0.3):
+        seen = true + noise * random.standard_normal(len(t))
+        assert np.std(smoothed(t, seen) - true) < 0.85 * noise
+
+
+def test_speeds_that_waver_stay_as_they_are() -> None:
+    random = np.random.default_rng(4)
+    t = np.arange(0.0, 60.0, 0.05)
+    seen = np.cumsum(0.05 * random.standard_normal(len(t)))
+    assert np.array_equal(smoothed(t, seen), seen)
 
 
 def test_a_standstill_is_no_held_sample() -> None:
