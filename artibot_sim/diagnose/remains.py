@@ -26,8 +26,8 @@ MOVED = ("yaw", "yaw_rate", "articulation_yaw", "torque_front", "torque_back")
 LIMITS: Mapping[str, float] = {
     "position": LEFT_OF_POSITION, **dict.fromkeys(MOVED, LEFT_OF_MOTION), COMMANDED: LEFT_OF_COMMANDS,
 }  # fmt: skip
-"""By channel: mean square of averaged residuals above which more than noise is left; 1 is white noise of the sensor and
-what noise of the rotations makes there."""
+"""By channel: mean square of averaged residuals above which more than noise is left; 1 is white noise and what noise of
+the rotations makes there."""
 
 _MEMORY = 3.0
 """Relaxation lengths after which a tyre has forgotten the force with which a window took it to begin."""
@@ -37,8 +37,9 @@ def remains(problem: Problem, point: Point) -> dict[str, SlowResidual]:
     """What the residuals of a fit leave, by channel.
 
     In units of the sensors' own noise, as neighbouring samples show it, and of what noise of the rotations, which turn
-    the model's wheels, makes of predictions: levels that a fit has widened to its residuals would hide what is left. Of
-    tyres that lag nothing counts until they have forgotten a window's start.
+    the model's wheels, makes of predictions: levels that a fit has widened to its residuals would hide what is left.
+    Levels are those of usual samples. Where neighbouring residuals of a window differ by more, as with noise of heavy
+    tails, that is its white noise. Of tyres that lag nothing counts until they have forgotten a window's start.
     """
     found: dict[str, list[float]] = {}
     turned: dict[str, list[float]] = {}
@@ -88,7 +89,7 @@ def leaves_more_than_noise(left: Mapping[str, SlowResidual]) -> bool:
 
 
 def _sizes(problem: Problem, window: Window, residual: Array, after: float) -> dict[str, float]:
-    """Mean squares of one window's averaged residuals, from `after` s on, over those of the sensors' white noise."""
+    """Mean squares of one window's averaged residuals, from `after` s on, over those of white noise."""
     found = {}
     for name, scale in problem.widening(window).items():
         mine = (window.channel == CHANNEL_NAMES.index(name)) & (window.plan.t >= after)
@@ -99,8 +100,15 @@ def _sizes(problem: Problem, window: Window, residual: Array, after: float) -> d
         firsts = np.flatnonzero(np.diff(place[order], prepend=-1))
         clipped = np.clip(residual[mine][order], -_MOST, _MOST)
         total, count = np.add.reduceat(clipped, firsts), np.add.reduceat(np.ones(len(order)), firsts)
-        found[name] = float(np.mean(total**2 / count)) * scale**2
+        size, white = float(np.mean(total**2 / count)) * scale**2, _white(clipped, place[order]) * scale**2
+        found[name] = size / max(white, 1.0)
     return found
+
+
+def _white(residual: Array, place: Array) -> float:
+    """Mean square of white noise whose neighbours differ as these residuals (n,) do (von Neumann); 0 of single ones."""
+    same = place[1:] // 100_000 == place[:-1] // 100_000
+    return 0.5 * float(np.mean(np.diff(residual)[same] ** 2)) if same.any() else 0.0
 
 
 _MOST = 50.0

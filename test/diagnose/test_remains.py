@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from estimation.logger import Logger, drive, recorded
 
+from artibot_sim.diagnose.records import SlowResidual
 from artibot_sim.diagnose.remains import beyond_noise, remains
 from artibot_sim.estimation.measurements import HALF_WIDTH, stretches
 from artibot_sim.estimation.parameters import ParameterSet
@@ -22,11 +23,16 @@ HUSKY = load_robot("husky_driven")
 RATES = {"motor_torques": 30.0, "ground_truth_odom": 10.0, "imu": 50.0}
 
 
-def left(experiment: Experiment, robot: Robot) -> tuple[str, ...]:
-    """Channels in which a robot as it is leaves more than noise."""
+def remaining(experiment: Experiment, robot: Robot) -> dict[str, SlowResidual]:
+    """What a robot as it is leaves, by channel."""
     found = stretches(experiment, robot, HALF_WIDTH)
     problem = Problem(ParameterSet(robot, ()), found, cut(found, robot, 2.0), 1)
-    return beyond_noise(remains(problem, fitted_starts(problem, 2)))
+    return remains(problem, fitted_starts(problem, 2))
+
+
+def left(experiment: Experiment, robot: Robot) -> tuple[str, ...]:
+    """Channels in which a robot as it is leaves more than noise."""
+    return beyond_noise(remaining(experiment, robot))
 
 
 @pytest.mark.parametrize("polled", [0.0, 20.0])
@@ -41,3 +47,15 @@ def test_wheels_that_are_measured_badly_are_no_force_and_other_ground_is_one(pol
     assert left(seen, HUSKY) == ()
     softer = HUSKY.replace({"contact.k_t": 0.5 * HUSKY.contact.k_t})
     assert "yaw" in left(seen, softer)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_stamps_that_scatter_with_heavy_tails_leave_white_noise(seed: int) -> None:
+    seen = recorded(
+        drive(HUSKY, np.random.default_rng([seed, 5]), 30.0),
+        Logger(polled=20.0, rates=RATES, jitter={"ground_truth_odom": 0.05}),
+        np.random.default_rng([seed, 6]),
+    )
+    channels = {key: seen.channels[key] for key in ("motor_torques", "ground_truth_odom")}
+    found = remaining(replace(seen, channels=channels, path=Path("logged")), HUSKY)
+    assert all(0.4 < one.typical < 1.4 for one in found.values()), found
