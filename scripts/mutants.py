@@ -91,6 +91,21 @@ MUTANTS = (
         ("diagnose/test_verdict.py", "diagnose/test_refuted.py"),
     ),
     Mutant(
+        "what sensitivities promise is not fitted", "artibot_sim/diagnose/selection/joint_fits.py",
+        "[: rounds.most_expected]", "[:0]",
+        ("diagnose/test_seeds.py::test_a_seed_is_answered[soil_softening-212777215]",),
+    ),
+    Mutant(
+        "a recording's soil is sought from the compromise alone", "artibot_sim/diagnose/selection/per_recording.py",
+        "if len(poor) < len(fits):", "if len(poor) < 0:",
+        ("diagnose/test_seeds.py::test_a_seed_is_answered[other_ground-4021737138]",),
+    ),
+    Mutant(
+        "no recording by itself ever leaves more than noise", "artibot_sim/diagnose/selection/per_recording.py",
+        "return not self.unexplained_alone", "return True",
+        ("diagnose/test_seeds.py::test_a_seed_is_answered[joint_friction-42]",),
+    ),
+    Mutant(
         "a silent drive is no reason to stop", "artibot_driver/master/monitoring.py",
         "if silence > config.drive_timeout:", "if silence > 1e9:",
         ("driver/test_faults.py", "driver/test_master_phases.py", "driver/test_master_cycle.py"),

@@ -29,6 +29,7 @@ TRICKS = {
     "garbage": "no search for garbage while numba is imported or compiles",
     "stack": "loops over rovers side by side have their stack begin where a line of the cache does",
     "contraction": "a product and a sum become one operation, and no zero has a sign",
+    "pieces": "what is compiled into loops alone is never made machine code by itself",
 }
 """What is done beside numba's own ways, by the name that leaves it out: ``ARTIBOT_WITHOUT=scipy,stack``.
 
@@ -95,6 +96,8 @@ with _undisturbed():
     from llvmlite import ir
     from numba.core import cgutils, config, event, types
     from numba.core.caching import FunctionCache, IndexDataCacheFile
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler import Compiler
     from numba.extending import intrinsic
 
     _spare_scipy()
@@ -120,7 +123,7 @@ def cache_folder() -> Path:
     digest = hashlib.sha256()
     for source in sorted(Path(__file__).parents[1].rglob("*.py")):
         digest.update(source.read_bytes())
-    for trick in sorted(_WITHOUT & {"stack", "contraction"}):
+    for trick in sorted(_WITHOUT & {"stack", "contraction", "pieces"}):
         digest.update(trick.encode())
     root = os.environ.get("ARTIBOT_CACHE_DIR") or os.path.join(
         os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "artibot"
@@ -186,6 +189,49 @@ if "garbage" not in _WITHOUT:
     event.register("numba:compile", _Uncollected())
 
 
+class _NoEnvironment:
+    """In the place of a piece's code generator: nothing runs that would want an environment."""
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Do nothing."""
+
+
+class _Piece(JITCodeLibrary):
+    """The code of a piece: optimised for the loops that take it in, and never made machine code by itself.
+
+    Numba would make machine code of every function, for Python to call. That is a tenth of the time until a first
+    rollout; each loop has its own copies of its pieces.
+    """
+
+    @property
+    def codegen(self) -> Any:
+        """What numba gives environments to."""
+        return _NoEnvironment()
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """None: nobody calls it."""
+        return 0
+
+    def serialize_using_object_code(self) -> tuple[str, str, bytes]:
+        """What is kept on disk: what loops take in."""
+        kept: tuple[str, str, bytes] = self.serialize_using_bitcode()
+        return kept
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+
+class _PieceCompiler(Compiler):
+    """Numba's, whose results are pieces."""
+
+    def compile_extra(self, function: Callable[..., Any]) -> Any:
+        """Compile a function."""
+        self.state.library = _Piece(self.state.targetctx.codegen(), function.__qualname__)
+        return super().compile_extra(function)
+
+
 @functools.cache
 def _digest(file: str) -> str:
     return hashlib.sha256(Path(file).read_bytes()).hexdigest()
@@ -202,8 +248,8 @@ class _Shared(FunctionCache):
     that a checkout and what is installed of it share what they compile.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self._function, self._lock, self._opens = function, -1, True
+    def __init__(self, function: Callable[..., Any], library: type | None) -> None:
+        self._function, self._library, self._lock, self._opens = function, library, -1, True
 
     def _open(self) -> None:
         """What numba does at once: of some hundred functions most are never asked for, once the loops are compiled."""
@@ -217,20 +263,37 @@ class _Shared(FunctionCache):
         self._cache_path = os.path.join(_CACHE, self._function.__module__)
         source = _digest(self._function.__code__.co_filename)
         self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base, source)
+        self._index_path = self._cache_file._index_path
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """What is on disk, or None where this process is to compile: then it holds the lock."""
         if self._opens:
             self._open()
-        found = super().load_overload(sig, target_context)
+        found = self._loaded(sig, target_context)
         if found is None and self._held(hashlib.sha256(repr(sig).encode()).hexdigest()[:16]):
-            found = super().load_overload(sig, target_context)  # another may have been at it
+            found = self._loaded(sig, target_context)  # another may have been at it
             if found is not None:
                 self._let_go()
         return found
 
+    def _loaded(self, sig: Any, target_context: Any) -> Any:
+        """What numba finds, which makes itself ready to load for a millisecond even where no file is."""
+        if not os.path.exists(self._index_path):
+            return None
+        codegen = target_context.codegen()
+        if self._library is not None:
+            codegen._library_class = self._library  # numba's lock is held, nothing else is compiled or loaded
+        try:
+            return super().load_overload(sig, target_context)
+        finally:
+            vars(codegen).pop("_library_class", None)
+
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep what was compiled, and let the others load it."""
+        """Keep what was compiled, and let the others load it.
+
+        Without the table of types that numba prints on demand: to write it is a third of what keeping costs.
+        """
+        data = data._replace(type_annotation="")
         try:
             with self._index_locked():
                 super().save_overload(sig, data)
@@ -288,13 +351,15 @@ class _Shared(FunctionCache):
             self._lock = -1
 
 
-def _jit(function: Function, **options: Any) -> Function:
+def _jit(function: Function, piece: bool, **options: Any) -> Function:
+    if library := _Piece if piece and "pieces" not in _WITHOUT else None:
+        options["pipeline_class"] = _PieceCompiler
     compiled: Any = numba.njit(error_model="numpy", fastmath=_FAST, **options)(function)
     # Numba finds again what stands in a file and whose name tells all: neither what was put together from a text nor
     # what holds other functions.
     found_again = function.__closure__ is None and Path(function.__code__.co_filename).exists()
     if found_again and compiled is not function:  # as it is where numba is told to compile nothing
-        compiled._cache = _Shared(function)  # what numba's own option `cache` sets
+        compiled._cache = _Shared(function, library)  # what numba's own option `cache` sets
     return compiled
 
 
@@ -303,7 +368,7 @@ def inlined(function: Function) -> Function:
 
     Python cannot call it: without the wrappers for that, everything compiles in half the time.
     """
-    return _jit(function, forceinline=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    return _jit(function, True, forceinline=True, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def called(function: Function) -> Function:
@@ -311,7 +376,7 @@ def called(function: Function) -> Function:
 
     Numba must be told: what is said of a caller holds for whatever it calls, unless that is said to be otherwise.
     """
-    return _jit(function, forceinline=False, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
+    return _jit(function, True, forceinline=False, _nrt=False, no_cpython_wrapper=True, no_cfunc_wrapper=True)
 
 
 def kernel(function: Function) -> Function:
@@ -319,7 +384,7 @@ def kernel(function: Function) -> Function:
 
     It allocates nothing either: counting references to arrays would cost half of its speed.
     """
-    return _jit(function, nogil=True, _nrt=False, no_cfunc_wrapper=True)
+    return _jit(function, False, nogil=True, _nrt=False, no_cfunc_wrapper=True)
 
 
 def _line_up_stack(typing_context: Any) -> Any:

@@ -23,6 +23,9 @@ FRONT, BEHIND = np.int64(0), np.int64(1)
 MOTOR = tuple(map(np.int64, range(4)))
 """Numbers of the motors, likewise."""
 
+NOUGHT = np.int64(0)
+"""Where a loop begins to count, likewise: what it calls with the count would be compiled for 0, then for others."""
+
 COORDINATES = tuple(
     f"{symbol}_{module}{side}"
     for module in "fb"

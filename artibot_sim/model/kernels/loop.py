@@ -30,7 +30,7 @@ from artibot_sim.model.kernels.integrators import (
     motor_of,
     wind_up,
 )
-from artibot_sim.model.kernels.layout import ACC, BEHIND, BETA, ENERGIES, FRONT, M_D, M_M, MEMORY, ROW, Z
+from artibot_sim.model.kernels.layout import ACC, BEHIND, BETA, ENERGIES, FRONT, M_D, M_M, MEMORY, NOUGHT, ROW, Z
 from artibot_sim.model.kernels.steps import next_stage, next_stage_of_lag, semi_implicit, stage_time, stage_weight
 
 OK, DIVERGED = 0, 1
@@ -304,7 +304,7 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
     module_gravity(p.front, p, FRONT, w)
     if p.two:
         module_gravity(p.back, p, BEHIND, w)
-    row = 0
+    row = NOUGHT
     for step in range(steps + 1):
         s = prepare(p, inputs, grid, step % grid.knot_steps, step // grid.knot_steps, state, cubic, hold)
         for k in range(4):
@@ -346,7 +346,7 @@ def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, m
     module_gravity(p.front, p, FRONT, w)
     if p.two:
         module_gravity(p.back, p, BEHIND, w)
-    row = 0
+    row = NOUGHT
     for step in range(steps + 1):
         s = prepare(p, inputs, grid, step % grid.knot_steps, step // grid.knot_steps, state, cubic, hold)
         command_at(cubic, s, inputs.modes, drive)

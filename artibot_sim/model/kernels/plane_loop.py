@@ -9,7 +9,7 @@ from artibot_sim.model.equations.dynamics import module_gravity
 from artibot_sim.model.kernels.compilation import inlined, kernel
 from artibot_sim.model.kernels.energy import level_powers
 from artibot_sim.model.kernels.integrators import MotorCommands, begin_loops, wind_up
-from artibot_sim.model.kernels.layout import BEHIND, FRONT, MOTOR
+from artibot_sim.model.kernels.layout import BEHIND, FRONT, MOTOR, NOUGHT
 from artibot_sim.model.kernels.loop import (
     DIVERGED,
     OK,
@@ -154,7 +154,7 @@ def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
     (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
     begin_loops(hold)
     commands = MotorCommands(inputs.modes, drive, hold)
-    row = phase = knot = since = 0
+    row = phase = knot = since = NOUGHT
     begun, known = here, (0.0, 1.0, 0.0, 1.0)
     for step in range(steps + 1):
         s = prepare(p, inputs, grid, phase, knot, state, cubic, hold)
@@ -213,7 +213,7 @@ def level_semi(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
     (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
     begin_loops(hold)
     commands = MotorCommands(inputs.modes, drive, hold)
-    row = phase = knot = since = 0
+    row = phase = knot = since = NOUGHT
     for step in range(steps + 1):
         s = prepare(p, inputs, grid, phase, knot, state, cubic, hold)
         command_at(cubic, s, inputs.modes, drive)

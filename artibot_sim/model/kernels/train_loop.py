@@ -83,6 +83,7 @@ from artibot_sim.model.kernels.layout import (
     M_D,
     M_J,
     M_M,
+    NOUGHT,
     PUSH,
     Q_J,
     ROW,
@@ -672,7 +673,7 @@ def train_rk4(state, modules, joints, inputs, grid, work, out, out_e, fx=None, m
         module_gravity(modules[i].front, modules[i], FRONT, w[i])
         for c in range(8):
             q_s[i, c], v_s[i, c] = q[i, c], v[i, c]
-    row = 0
+    row = NOUGHT
     for step in range(steps + 1):
         phase, knot = step % knot_steps, step // knot_steps
         if phase == 0:
@@ -716,7 +717,7 @@ def train_semi_implicit(state, modules, joints, inputs, grid, work, out, out_e, 
         begin_loops(hold[i])
     for i in range(len(modules)):
         module_gravity(modules[i].front, modules[i], FRONT, w[i])
-    row = 0
+    row = NOUGHT
     for step in range(steps + 1):
         phase, knot = step % knot_steps, step // knot_steps
         if phase == 0:
