@@ -29,7 +29,7 @@ def printed(found: Identification) -> Any:
     models = [_models(prediction) for prediction in found.predictions if prediction.rivals]
     return Group(
         *map(Text, found.findings),
-        _parameters(found),
+        _Parameters(found),
         *lines,
         _channels(found),
         *models,
@@ -48,23 +48,35 @@ def as_text(found: Identification) -> str:
     return out.getvalue()
 
 
-def _parameters(found: Identification) -> Any:
+class _Parameters:
+    """The table of estimates; without its priors where the terminal is too narrow for them."""
+
+    def __init__(self, found: Identification) -> None:
+        self._found = found
+
+    def __rich_console__(self, console: Any, options: Any) -> Iterator[Any]:
+        whole = _parameters(self._found, priors=True)
+        needed = console.measure(whole, options=options.update(width=1000)).maximum
+        yield whole if needed <= options.max_width else _parameters(self._found, priors=False)
+
+
+def _parameters(found: Identification, priors: bool) -> Any:
     from rich.table import Table
 
     title = f"{found.robot.name}: identified from {', '.join(found.recordings)}"
     table = Table(
         title=title, title_justify="left", box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, 0)
     )
-    for column in ("parameter", "value", "95 %", "unit", "prior", "status"):
+    for column in ("parameter", "value", "95 %", "unit", *(["prior"] if priors else []), "status"):
         left = column in ("parameter", "unit", "status")
-        # a name or a number that is cut is none: only the prior breaks into lines where the terminal is narrow
-        kept = column != "prior"
-        table.add_column(column, justify="left" if left else "right", no_wrap=kept, overflow="fold")
+        # a name or a number that is cut is none
+        table.add_column(column, justify="left" if left else "right", no_wrap=True, overflow="fold")
     for e in found.estimates:
         low, high = e.ci95
+        known = [f"{e.prior[0]:.4g} ± {number(e.prior[1], 2)}"] if priors else []
         table.add_row(
             e.name.removeprefix("effects."), number(e.value), f"{number(low, 3)} … {number(high, 3)}", spaced(e.unit),
-            f"{e.prior[0]:.4g} ± {number(e.prior[1], 2)}", e.status.value,
+            *known, e.status.value,
         )  # fmt: skip
     return table
 
@@ -351,11 +363,9 @@ class Identification:
         }
 
     def __rich__(self) -> Any:
-
         return printed(self)
 
     def __str__(self) -> str:
-
         return as_text(self)
 
 

@@ -69,7 +69,12 @@ def test_names_are_whole_on_a_narrow_terminal_and_what_is_not_known_is_no_number
     assert "nan" not in out.getvalue()
     assert "…" not in out.getvalue().replace(" …", "").replace("… ", ""), "nothing is cut; only intervals have it"
     assert all(number(e.value) in out.getvalue() for e in shown.estimates)
-    assert all(len(line) <= 80 for line in out.getvalue().splitlines())
+    lines = out.getvalue().splitlines()
+    assert all(len(line) <= 80 for line in lines)
+    assert sum(e.status.value in line for e in shown.estimates for line in lines) >= len(shown.estimates)
+    first_row = next(i for i, line in enumerate(lines) if line.startswith("wheel_radius_mismatch.right"))
+    assert lines[first_row + 1].startswith(others[0].name), "a parameter takes one line"
+    assert "prior" in str(shown)
 
 
 def test_a_known_soil_is_found(found: Work) -> None:
