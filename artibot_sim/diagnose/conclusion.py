@@ -323,7 +323,13 @@ class MotionFacts:
 
     @property
     def _force_alone(self) -> ForceFinding | None:
-        """The force that explains the recordings without any effect; None where several soils do."""
+        """The force that explains the recordings without any effect; None where several soils do.
+
+        Where nothing measures forces it takes no effect's place: all that bends poses is a force as well, a lever arm
+        one to the side that follows the yaw rate.
+        """
+        if self._decision.fitted and not shows_forces(self._decision):
+            return None
         alone = self._contradiction
         return None if alone is not None and alone.sufficient else self._explanations.force(())
 

@@ -87,7 +87,7 @@ LEAST_SIZE = Number(
 TIE = Number(8.0, "nats", "effects as close as this tie", EFFECTS)
 TIE_SHARE = Number(0.03, "–", "the same as a share of the gain, where motion was fitted", EFFECTS)
 MOST_EFFECTS = Number(
-    3, "–",
+    5, "–",
     "effects that are looked for one after the other, beside those of sensors and those that commands alone show",
     EFFECTS,
 )  # fmt: skip

@@ -116,7 +116,10 @@ MOTION: Table[Outcome] = Table(
             ("noise", "more", "far more"),
         ),
         "force": (
-            "does a force on no list explain it? beside: as a law it leaves noise alone, and they are still needed",
+            (
+                "does a force on no list explain it (where effects were found, only forces that were measured tell)? "
+                "beside: as a law it leaves noise alone, and they are still needed"
+            ),
             ("no", "yes", "beside"),
         ),
         "held out": ("how are held-out recordings predicted with them?", _HELD),
