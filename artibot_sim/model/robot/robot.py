@@ -280,7 +280,7 @@ class Robot:
         object.__setattr__(self, "effects", MappingProxyType(effects_from_dict(self.effects, self.motor.effects)))
         for name in ("sources", "intervals"):
             object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
-        for key, spec, value in (*self.quantities(), *self.sensor_quantities()):
+        for key, spec, value in _listed(self, ""):
             spec.check(key, value)
         _check_together(self)
 
@@ -338,12 +338,12 @@ class Robot:
 
     def quantities(self) -> Iterator[tuple[str, Quantity, float]]:
         """Every physical parameter as (key, declaration, value), in the order of a robot file."""
-        yield from (entry for entry in _walk(self, "") if not entry[0].startswith(("sensors.", "odometry.")))
+        yield from _listed(self, "", ("sensors", "odometry"))
 
     def sensor_quantities(self) -> Iterator[tuple[str, Quantity, float]]:
         """What is known of its sensors, as `quantities` (``"sensors.gyro_delay"``); no simulation asks for it."""
-        yield from _walk(self.sensors, "sensors.")
-        yield from _walk(self.odometry, "odometry.")
+        yield from _listed(self.sensors, "sensors.")
+        yield from _listed(self.odometry, "odometry.")
 
     def effect_quantities(self) -> Iterator[tuple[str, Quantity, float]]:
         """Every number of the effects that the robot has, as `quantities` (``"effects.slope.grade"``)."""
@@ -411,22 +411,27 @@ def unchecked(robot: Robot, effects: Mapping[str, Values], contact: Contact | No
     return other
 
 
-def _walk(node: Any, path: str) -> Iterator[tuple[str, Quantity, float]]:
+def _listed(node: Any, path: str, without: Sequence[str] = ()) -> list[tuple[str, Quantity, float]]:
+    """Every physical parameter of a tree, but of the node's own parts `without`."""
+    found: list[tuple[str, Quantity, float]] = []
     for name, declared in _entries(node.__class__):
-        value, key = getattr(node, name), f"{path}{name}"
+        value = getattr(node, name)
         if declared is not None:
-            yield key, declared, value
-        elif dataclasses.is_dataclass(value):
-            yield from _walk(value, f"{key}.")
+            found.append((f"{path}{name}", declared, value))
         elif name == "trailing":
             for i, item in enumerate(value):
                 if item is not None:
-                    yield from _walk(item, f"{path}{module_name(i + 2)}.")
+                    found += _listed(item, f"{path}{module_name(i + 2)}.")
+        elif name not in without and _entries(value.__class__):
+            found += _listed(value, f"{path}{name}.")
+    return found
 
 
 @cache
 def _entries(kind: type) -> tuple[tuple[str, Quantity | None], ...]:
-    """Names of a dataclass's fields, each with its declaration where it is a physical parameter."""
+    """Names of a dataclass's fields, each with its declaration where it is a physical parameter; none of others."""
+    if not dataclasses.is_dataclass(kind):
+        return ()
     return tuple((entry.name, entry.metadata.get("quantity")) for entry in dataclasses.fields(kind))
 
 
