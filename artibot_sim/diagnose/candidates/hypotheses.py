@@ -1,4 +1,4 @@
-"""What a diagnosis tries: every effect that a view shows, once for each choice (which motor, which module)."""
+"""What a diagnosis tries: every effect that a view shows, once for each choice (which motor, which form)."""
 
 from __future__ import annotations
 
@@ -101,7 +101,8 @@ def why_unseen(effect: Effect, robot: Robot, stretches: Sequence[Stretch]) -> st
 def _choices(effect: Effect, robot: Robot, bend: float) -> list[Hypothesis]:
     assert effect.search is not None
     names = [name for name, parameter in effect.parameters.items() if isinstance(parameter.quantity, Choice)]
-    options = [_names(effect, name, robot) for name in names]
+    options: list[Sequence[float | str]] = [_names(effect, name, robot) for name in names]
+    names, options = [*names, *effect.search.forms], [*options, *effect.search.forms.values()]
     combinations = list(itertools.product(*options))
     reference = bend if effect.search.reference == "articulation" else 1.0
     return [

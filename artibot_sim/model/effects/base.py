@@ -85,6 +85,8 @@ class Search:
     reference : str
         What a limit is measured by: ``"articulation"``, the largest angle seen; ``"acceleration"``, the fastest change
         of a front motor's command.
+    forms : mapping of str to tuple of float
+        Parameters that are not fitted, but tried at each of these values.
     disc : tuple of str
         Parameters that say where on the ground the effect is: centre (x, y) and radius.
     ridge : mapping of str to float
@@ -109,6 +111,7 @@ class Search:
     direction: str = ""
     around: Mapping[str, float] = field(default_factory=dict)
     reference: str = ""
+    forms: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     disc: tuple[str, ...] = ()
     ridge: Mapping[str, float] = field(default_factory=dict)
     ridge_from: float = 0.0

@@ -35,5 +35,5 @@ EFFECT = Effect(
         "early": number("-", 0.0, 1.0, "how far it has fallen before a wheel breaks away: 1 as once it slides"),
     },
     hooks={"early_fall": early_fall, "friction": friction},
-    search=Search({"velocity": 0.08}, ((0.3,), (1.0,), (2.5,)), least=0.05),
+    search=Search({"velocity": 0.08}, ((0.3,), (1.0,), (2.5,)), forms={"early": (0.0, 1.0)}, least=0.05),
 )
