@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -158,10 +160,11 @@ def smoothed(t: Floats, y: Floats) -> Floats:
     moving = y != 0.0  # what stands is silent
     if moving.sum() < _TELLING:
         return y
-    noise = _white_variance(t, y, moving)
+    fits = {count: local_fit(t, y, t, 0.0, least=count)[0] for count in _APART}
+    noise = _white_variance({count: (y - value)[moving] for count, value in fits.items()})
     best, least = y, 2.0 * noise
-    for count in _WIDTHS:
-        value, _ = local_fit(t, y, t, 0.0, least=count)
+    for count in _WIDTHS if noise else ():
+        value = fits[count] if count in fits else local_fit(t, y, t, 0.0, least=count)[0]
         risk = float(np.mean((y - value) ** 2)) + 2.0 * noise * (1.0 - _passed(count)[0])
         if risk >= least:
             break
@@ -169,14 +172,14 @@ def smoothed(t: Floats, y: Floats) -> Floats:
     return best
 
 
-def _white_variance(t: Floats, y: Floats, used: np.ndarray) -> float:
-    """Variance of the white noise in samples (n,), 0 where what cubics leave over is motion.
+def _white_variance(rests: Mapping[int, Floats]) -> float:
+    """Variance of white noise of which cubics through so many samples leave these `rests`; 0 where they are motion.
 
     A narrow and a wide cubic leave nearly as much of white noise and not of a random walk. The wheels of a Warthog on
     asphalt waver as a random walk up to 10 Hz, and its gyroscope shows it.
     """
-    left = [1.4826 * float(np.median(np.abs(y - local_fit(t, y, t, 0.0, least=count)[0])[used])) for count in _APART]
-    white, _ = np.linalg.solve([_passed(count) for count in _APART], np.square(left))
+    left = [1.4826 * float(np.median(np.abs(rest))) for rest in rests.values()]
+    white, _ = np.linalg.solve([_passed(count) for count in rests], np.square(left))
     return max(float(white), 0.0)
 
 
