@@ -11,7 +11,7 @@ from artibot_sim.diagnose.conclusion import HeldOut, shows_forces
 from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.intervals import Uncertain, judged
 from artibot_sim.diagnose.records import ChannelBaseline, Comparison, EffectEstimate, Options
-from artibot_sim.diagnose.remains import COMMANDED
+from artibot_sim.diagnose.remains import COMMANDED, remains
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.timetable import Task, Timetable
 from artibot_sim.diagnose.unlisted.fitting import FittedLaws
@@ -20,6 +20,7 @@ from artibot_sim.diagnose.validation.predictions import (
     baseline_levels,
     gains,
     improvements,
+    is_minor,
     likelihood_interval,
     predict,
 )
@@ -103,10 +104,11 @@ class Assessor:
         return self(decision).worth
 
     def _assessed(self, decision: Decision) -> Assessment:
-        found = self._predicted(decision)
-        if decision.fitted or found.worth.laws_hold:  # beside effects, tables decide about laws
+        found, laws = self._predicted(decision), decision.laws
+        if decision.fitted or laws is None:  # beside effects, tables decide about laws
             return found
-        return self._predicted(replace(decision, laws=None))
+        little = is_minor(found.worth.gained, remains(laws.problem, laws.fit.point))
+        return found if found.worth.laws_hold and not little else self._predicted(replace(decision, laws=None))
 
     def _predicted(self, decision: Decision) -> Assessment:
         """All recordings predicted with all that was found."""
