@@ -76,7 +76,7 @@ class PaperComparison:
         """The difference as written."""
         if self.unit == "%":
             return f"{self.difference:+.2f} points".replace("-", "−")
-        return f"{100 * self.difference:+.1f} %".replace("-", "−")
+        return f"{round(100 * self.difference, 1) + 0.0:+.1f} %".replace("-", "−")
 
     @property
     def within_text(self) -> str:
