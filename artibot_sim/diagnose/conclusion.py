@@ -149,7 +149,8 @@ def concluded(
     """Decide by the tables what of a search's effects is named.
 
     Where held-out recordings are against all of them, and the one that was found last makes their predictions worse
-    beside the others, it goes, and the table is asked about the others, and about what is found beside these.
+    beside the others, it goes, and the table is asked about the others, and about what is found beside these. So does a
+    single one that ties with others, which the fitted recordings do not tell from it.
 
     Parameters
     ----------
@@ -255,9 +256,11 @@ class MotionFacts:
 
     @property
     def last_is_worse(self) -> bool:
-        """Whether held-out recordings are predicted worse with the last of several effects than without it."""
+        """Whether held-out recordings are predicted worse with the last of several effects, or of those that tie."""
         fitted = self._decision.fitted
-        worth = self.held.gained.get(fitted[-1].effect) if len(fitted) > 1 else None
+        if not fitted or (len(fitted) == 1 and not fitted[0].ties):
+            return False
+        worth = self.held.gained.get(fitted[-1].effect)
         return worth is not None and worth.after > worth.before
 
     def without_last(self, go_on: GoOn | None) -> Decision:
@@ -269,10 +272,11 @@ class MotionFacts:
 
     @property
     def last(self) -> Withdrawal:
-        """The last effect beside the others, and how held-out recordings are predicted with it."""
+        """The last effect beside the others, if there are any, and how held-out recordings are predicted with it."""
         *others, effect = (one.effect for one in self._decision.fitted)
-        worth = self.held.gained[effect]
-        return Withdrawal((effect,), Reason.REFUTED, {}, self._decision.left, LastEffect(tuple(others), worth))
+        beside = LastEffect(tuple(others), self.held.gained[effect]) if others else None
+        gain = {} if others else self.held.gain
+        return Withdrawal((effect,), Reason.REFUTED, gain, self._decision.left, beside)
 
     @cached_property
     def held(self) -> HeldOut:

@@ -90,7 +90,7 @@ class SearchReport:
     Attributes
     ----------
     restarts : int
-        Starts.
+        Starts: every guess twice, with the jump of eq. 16 as it is and with one that grows from none.
     finalists : int
         Searches that were carried on to the end: those that came close to the best one.
     reached : float
@@ -157,6 +157,9 @@ def search(
 ) -> Fit:
     """The best fit from several starts, noise levels as they stand.
 
+    From every guess once by continuation in the jump of eq. 16 and once straight: on recordings of a real Husky the
+    first ends hundreds of nats lower, on simulated ones that are badly explained now one and now the other.
+
     Parameters
     ----------
     problem : Problem
@@ -178,10 +181,17 @@ def search(
     last = partial(_opened, problem, loss, steps=effort.last)
     finals = side_by_side(last, different[: effort.finalists], problem.workers, tick)
     which = np.searchsorted([end.cost for end in different], [end.cost for end in near], side="right") - 1
-    reached = [finals[k].point.cost for k in which if k < len(finals)]
-    finals.sort(key=lambda fit: fit.point.cost)
-    best, *others = finals
-    return replace(best, report=SearchReport.of(len(guesses), reached), others=tuple(fit.point for fit in others))
+    straight = side_by_side(lambda guess: _straight(problem, loss, guess, effort.first), guesses, problem.workers, tick)
+    reached = [*(finals[k].point.cost for k in which if k < len(finals)), *(fit.point.cost for fit in straight)]
+    best, *rest = sorted([*finals, *straight], key=lambda fit: fit.point.cost)
+    others = [fit.point for fit in rest if best.point.cost + _SAME < fit.point.cost <= _CLOSE * best.point.cost]
+    report = SearchReport.of(2 * len(guesses), reached)
+    return replace(best, report=report, others=tuple(others[: effort.finalists - 1]))
+
+
+def _straight(problem: Problem, loss: Loss, guess: Array, steps: int) -> Fit:
+    """The best fit from a guess with its jump as it is."""
+    return converge(problem, evaluate(problem, loss, [guess], problem.starts)[0], loss, steps)
 
 
 def first_guesses(problem: Problem, effort: Effort, effects: Array | None = None) -> list[Array]:

@@ -187,8 +187,8 @@ def test_a_rigid_robot_is_seen_by_poses_and_wheel_speeds_alone():
     assert varying.truth.varies and not clean.truth.varies and clean.horizon == 2.0
     (first,) = clean.recordings
     assert set(first.channels) == {"motor_torques", "ground_truth_odom"}
-    still = case(("stiction",), severity=0.05, **short).truth
-    assert not still.effects and set(still.idle) == {"stiction"} and arm.truth.nats["pose_lever_arm"] > 100.0
+    hardly = case(("wheel_resistance",), severity=0.02, **short).truth
+    assert not hardly.effects and set(hardly.idle) == {"wheel_resistance"} and arm.truth.nats["pose_lever_arm"] > 100.0
     for other in (varying, arm):
         (second,) = other.recordings
         wheels = [recording.channels["motor_torques"]["front_left.velocity"] for recording in (first, second)]

@@ -144,6 +144,34 @@ def test_an_effect_that_held_out_recordings_bear_stays_without_the_one_found_aft
         assert said == [(("back_friction", "joint_friction"), Reason.REFUTED, ())]
 
 
+@pytest.mark.parametrize("ties", [("joint_friction",), ()])
+@pytest.mark.parametrize("both", [False, True])
+def test_of_effects_that_tie_held_out_recordings_tell(
+    part: tuple[Part, bool], ties: tuple[str, ...], both: bool
+) -> None:
+    """The first of a tie is refuted: the other one is tried, and held against the same recordings."""
+    (problem, fit, view), _ = part
+    against = {"back_friction", "joint_friction"} if both else {"back_friction"}
+    nothing = Decision((), 58.0, problem, fit, problem, fit, (), {})
+    asked: list[str] = []
+
+    def judge(decision: Decision) -> HeldOut:
+        wrong = any(one.effect in against for one in decision.fitted)
+        gained = {one.effect: Worth(2.0, 4.0 if wrong else 0.1, 0.0) for one in decision.fitted}
+        return HeldOut(gained, {"yaw": WORSE if wrong else BETTER})
+
+    def go_on(effect: str) -> Decision:
+        asked.append(effect)
+        return replace(nothing, named=(AFTER,), refuted=("back_friction",))
+
+    found = concluded(replace(nothing, named=(replace(FITTED, ties=ties),)), view, judge, go_on=go_on)
+    assert asked == (["back_friction"] if ties else [])
+    assert found.decision.fitted == ((AFTER,) if ties and not both else ())
+    refuted = {effect for one in found.withdrawn for effect in one.effects}
+    assert refuted == ({"back_friction", "joint_friction"} if ties and both else {"back_friction"})
+    assert all(one.reason is Reason.REFUTED and one.gain and one.beside is None for one in found.withdrawn)
+
+
 def test_what_commands_show_stays_named_when_a_fit_is_refuted(part: tuple[Part, bool]) -> None:
     of, late = part
     found = decided(of, (FITTED, COMMANDED), ("back_friction",)).decision

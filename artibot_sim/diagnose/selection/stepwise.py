@@ -213,15 +213,15 @@ class Naming:
         return self.decision()
 
     def without(self, effect: str) -> Decision:
-        """Go on without the last of several fitted effects, which held-out recordings speak against.
+        """Go on without the last of the fitted effects, which held-out recordings speak against.
 
         What was found beside the others is looked at again, and the next one named, if there is one.
         """
         gone = self._fitted()[-1]
-        assert gone.effect == effect and self._between
+        assert gone.effect == effect
         self._named.remove(gone)
         self._refuted.append(effect)
-        self._problem, self._fit = self._between.pop()
+        self._problem, self._fit = self._between.pop() if self._between else self._neutral
         del self._stages[gone.stage + 1 :]
         self._exhausted = False
         return self.decide()
