@@ -315,7 +315,7 @@ class MotionFacts:
     def _force(self) -> ForceFinding | None:
         """The force that is at work instead of what was fitted, or beside it."""
         found = self._decision
-        if found.fitted and self._explanations.force() is None and not self._changes:
+        if found.fitted and not (shows_forces(found) and (self._explanations.force() is not None or self._changes)):
             return None
         return self._force_alone
 
