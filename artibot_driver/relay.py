@@ -9,8 +9,10 @@ python-can-remote.
 from __future__ import annotations
 
 import contextlib
+import errno
 import heapq
 import json
+import os
 import selectors
 import socket
 import struct
@@ -119,7 +121,10 @@ class RelayedBus(RemoteBus):
     """python-can-remote's bus: what has come is read at once, and a frame is sent without masking byte by byte."""
 
     def __init__(self, channel: str, **config: Any) -> None:
-        super().__init__(channel, **config)
+        try:
+            super().__init__(channel, **config)
+        except WebsocketClosed as error:  # by a server that ended meanwhile
+            raise ConnectionResetError(errno.ECONNRESET, os.strerror(errno.ECONNRESET)) from error
         self._unread = bytearray()
         self._come: list[can.Message] = []
         self._closed: WebsocketClosed | None = None

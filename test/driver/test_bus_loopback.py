@@ -14,6 +14,7 @@ from collections.abc import Iterator
 import can
 import pytest
 from bus_contract import BusAddress, BusContract, received, wait_for
+from can_remote.websocket import get_accept_key
 
 from artibot_driver.bus import BusState, open_bus
 from artibot_driver.frames import Frame
@@ -158,6 +159,31 @@ def test_the_server_ends_with_the_process_that_started_it() -> None:
         return False
 
     assert wait_for(refused, 10.0)
+
+
+def test_a_server_that_ends_while_it_is_joined_does_not_answer() -> None:
+    """It has taken the connection, and goes before the bus is open."""
+    with socket.create_server((HOST, 0)) as server:
+
+        def welcome() -> None:
+            other, _ = server.accept()
+            with other, other.makefile("rb") as asked:
+                lines = iter(asked.readline, b"\r\n")
+                key = next(line.split()[1].decode() for line in lines if line.lower().startswith(b"sec-websocket-key:"))
+                for _ in lines:
+                    pass
+                upgrade = "HTTP/1.1 101 Switching Protocols", "Upgrade: WebSocket", "Connection: Upgrade"
+                answer = *upgrade, f"Sec-WebSocket-Accept: {get_accept_key(key)}", "Sec-WebSocket-Protocol: can.json.v1"
+                other.sendall("\r\n".join([*answer, "", ""]).encode())
+                other.shutdown(socket.SHUT_WR)
+                asked.read()
+
+        leaving = threading.Thread(target=welcome, daemon=True)
+        leaving.start()
+        with pytest.raises(ArtibotError, match="nobody answers there"):
+            open_bus("remote", f"ws://{HOST}:{server.getsockname()[1]}/")
+        leaving.join(10.0)
+        assert not leaving.is_alive()
 
 
 def test_a_taken_port_says_so(address: BusAddress) -> None:
