@@ -28,26 +28,9 @@ def generate_launch_description():
     namespace = LaunchConfiguration("namespace")
     driver = {"package": "artibot_sim", "executable": "driver", "output": "screen", "namespace": namespace}
     driver["arguments"] = ["--params", driver_params, "--channel", channel, "--kappa", LaunchConfiguration("kappa")]
-    folder = datetime.now().strftime("run_%Y%m%d_%H%M%S")
     return LaunchDescription(
         [
-            DeclareLaunchArgument("robot", default_value="agriq", description="agriq, epiq, or a robot file"),
-            DeclareLaunchArgument("manoeuvre", default_value="table6_agriq", description="a shipped one, or a file"),
-            DeclareLaunchArgument("out", default_value=folder, description="folder of the recording"),
-            DeclareLaunchArgument("channel", default_value="vcan0", description="CAN channel: vcan0, can0, ws://…"),
-            DeclareLaunchArgument("driver_params", default_value="driver", description="the driver's parameter file"),
-            DeclareLaunchArgument(
-                "kappa",
-                default_value="",
-                description="front share of the traction torque; empty: as in driver_params, or the robot's",
-            ),
-            DeclareLaunchArgument("namespace", default_value="", description="of all topics but /clock and /tf"),
-            DeclareLaunchArgument("simulated", default_value="true", description="false: the rover is a real one"),
-            DeclareLaunchArgument(
-                "enable",
-                default_value=simulated,
-                description="false: wait for ~/enable, as real rovers do unless told otherwise",
-            ),
+            *arguments(simulated),
             Node(
                 package="artibot_sim",
                 executable="record",
@@ -84,3 +67,26 @@ def generate_launch_description():
             ),
         ]
     )
+
+
+def arguments(simulated):
+    folder = datetime.now().strftime("run_%Y%m%d_%H%M%S")
+    return [
+        DeclareLaunchArgument("robot", default_value="agriq", description="agriq, epiq, or a robot file"),
+        DeclareLaunchArgument("manoeuvre", default_value="table6_agriq", description="a shipped one, or a file"),
+        DeclareLaunchArgument("out", default_value=folder, description="folder of the recording"),
+        DeclareLaunchArgument("channel", default_value="vcan0", description="CAN channel: vcan0, can0, ws://…"),
+        DeclareLaunchArgument("driver_params", default_value="driver", description="the driver's parameter file"),
+        DeclareLaunchArgument(
+            "kappa",
+            default_value="",
+            description="front share of the traction torque; empty: as in driver_params, or the robot's",
+        ),
+        DeclareLaunchArgument("namespace", default_value="", description="of all topics but /clock and /tf"),
+        DeclareLaunchArgument("simulated", default_value="true", description="false: the rover is a real one"),
+        DeclareLaunchArgument(
+            "enable",
+            default_value=simulated,
+            description="false: wait for ~/enable, as real rovers do unless told otherwise",
+        ),
+    ]

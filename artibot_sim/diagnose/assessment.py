@@ -107,8 +107,9 @@ class Assessor:
         found, laws = self._predicted(decision), decision.laws
         if decision.fitted or laws is None:  # beside effects, tables decide about laws
             return found
-        little = is_minor(found.worth.gained, remains(laws.problem, laws.fit.point))
-        return found if found.worth.laws_hold and not little else self._predicted(replace(decision, laws=None))
+        if found.worth.laws_hold and not is_minor(found.worth.gained, remains(laws.problem, laws.fit.point)):
+            return found
+        return self._predicted(replace(decision, laws=None))
 
     def _predicted(self, decision: Decision) -> Assessment:
         """All recordings predicted with all that was found."""

@@ -306,7 +306,7 @@ class MotionFacts:
     def _with_laws(self) -> Decision | None:
         """The effects that are still needed beside laws, where these together leave no more than noise."""
         found, no_soils = self._decision, self._soils[0] == "no"
-        if not (found.fitted and no_soils and leaves_more_than_noise(found.left) and shows_forces(found)):
+        if not (found.fitted and self._forces_tell and no_soils and leaves_more_than_noise(found.left)):
             return None
         best = self._explanations.best() if self._explanations.force() is not None else None
         return self._explanations.decision(best) if best is not None and best.effects else None
@@ -314,10 +314,20 @@ class MotionFacts:
     @property
     def _force(self) -> ForceFinding | None:
         """The force that is at work instead of what was fitted, or beside it."""
-        found = self._decision
-        if found.fitted and not (shows_forces(found) and (self._explanations.force() is not None or self._changes)):
+        if not self._forces_tell:
+            return None
+        if self._decision.fitted and self._explanations.force() is None and not self._changes:
             return None
         return self._force_alone
+
+    @property
+    def _forces_tell(self) -> bool:
+        """Whether a force on no list may take an effect's place, or stand beside it; without effects it may always.
+
+        Where nothing measures forces, all that bends poses is a force: a lever arm is one to the side that follows the
+        yaw rate.
+        """
+        return not self._decision.fitted or shows_forces(self._decision)
 
     @cached_property
     def _changes(self) -> bool:
@@ -327,12 +337,8 @@ class MotionFacts:
 
     @property
     def _force_alone(self) -> ForceFinding | None:
-        """The force that explains the recordings without any effect; None where several soils do.
-
-        Where nothing measures forces it takes no effect's place: all that bends poses is a force as well, a lever arm
-        one to the side that follows the yaw rate.
-        """
-        if self._decision.fitted and not shows_forces(self._decision):
+        """The force that explains the recordings without any effect; None where several soils do."""
+        if not self._forces_tell:
             return None
         alone = self._contradiction
         return None if alone is not None and alone.sufficient else self._explanations.force(())

@@ -95,7 +95,7 @@ def _sizes(problem: Problem, window: Window, residual: Array, after: float) -> d
         mine = (window.channel == CHANNEL_NAMES.index(name)) & (window.plan.t >= after)
         if not mine.any():
             continue
-        place = window.plan.kind[mine] * 100_000 + (window.plan.t[mine] / BIN).astype(np.int64)
+        place = window.plan.kind[mine] * _PLACES + (window.plan.t[mine] / BIN).astype(np.int64)
         order = np.argsort(place, kind="stable")
         firsts = np.flatnonzero(np.diff(place[order], prepend=-1))
         clipped = np.clip(residual[mine][order], -_MOST, _MOST)
@@ -107,9 +107,11 @@ def _sizes(problem: Problem, window: Window, residual: Array, after: float) -> d
 
 def _white(residual: Array, place: Array) -> float:
     """Mean square of white noise whose neighbours differ as these residuals (n,) do (von Neumann); 0 of single ones."""
-    same = place[1:] // 100_000 == place[:-1] // 100_000
+    same = place[1:] // _PLACES == place[:-1] // _PLACES
     return 0.5 * float(np.mean(np.diff(residual)[same] ** 2)) if same.any() else 0.0
 
 
+_PLACES = 100_000
+"""Bins of one kind of sample in a window, at most."""
 _MOST = 50.0
 """Residual, in units of noise, beyond which it counts as this."""

@@ -122,17 +122,8 @@ def test_ctrl_c_says_that_the_same_command_goes_on(
 def test_a_killed_diagnosis_is_told_by_the_next_call_and_a_signal_at_once(drives: list[Path], tmp_path: Path) -> None:
     """A process that was killed, as the system does where memory is short, can say nothing by itself."""
     out, running = tmp_path / "found", tmp_path / "found.unfinished" / "running"
-    command = [
-        sys.executable,
-        "-m",
-        "artibot_sim.cli",
-        "diagnose",
-        *map(str, drives),
-        "--robot",
-        "agriq",
-        "--out",
-        str(out),
-    ]
+    diagnose = [sys.executable, "-m", "artibot_sim.cli", "diagnose"]
+    command = [*diagnose, *map(str, drives), "--robot", "agriq", "--out", str(out)]
 
     def ended_by(number: signal.Signals) -> tuple[int, str]:
         with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
