@@ -60,7 +60,8 @@ def parameter_words(name: str, found: EffectEstimate, digits: int = 3) -> str:
         return f"{effect_words(name)} {effect_words(found.value)}"
     said = f"{effect_words(name)} {amount(found.value, found.unit, digits)}"
     if found.unit == "rad" and np.isfinite(found.value):
-        said += f" ({number(float(np.degrees(found.value)), 2 if abs(found.value) < 1.7 else 3)}°)"
+        degrees = number(float(np.degrees(found.value)), 2 if abs(found.value) < 1.7 else 3)
+        said += f" ({degrees.replace('-', '−')}°)"
     return said
 
 
