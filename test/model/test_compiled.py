@@ -101,6 +101,38 @@ def test_pieces_are_compiled_once_for_all_loops_that_have_them(tmp_path: Path) -
     assert started(tmp_path).communicate(timeout=120)[0] == "[True, False] 1\n"
 
 
+GIVEN = """
+from artibot_sim.model.kernels.compilation import called, kernel
+@called
+def twice(f, x):
+    return f(f(x))
+@called
+def more(x):
+    return x + 1.5
+@kernel
+def loop(x):
+    return twice(more, x)
+print(loop(1.0), sum(loop.stats.cache_misses.values()))
+"""
+
+
+def test_what_is_given_a_function_is_kept_only_in_its_loops(tmp_path: Path) -> None:
+    """A function differs from process to process: versions for it would never be found, and pile up."""
+    (tmp_path / "given.py").write_text(GIVEN, encoding="utf-8")
+    path = os.pathsep.join((str(tmp_path), str(ROOT), os.environ.get("PYTHONPATH", "")))
+    environment = os.environ | {"ARTIBOT_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": path}
+    said = []
+    for _ in range(2):
+        command = [sys.executable, "-c", "import given"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+        assert done.returncode == 0, done.stderr
+        said.append(done.stdout)
+    assert said[0].split()[0] == said[1].split()[0] == "4.0"
+    assert said[1].split()[1] == "0"  # the loop is found, with all that it holds
+    assert not [*tmp_path.rglob("given.twice-*.nbi")]
+    assert [*tmp_path.rglob("given.more-*.nbi")]
+
+
 def test_an_installed_copy_takes_what_the_checkout_compiled(tmp_path: Path) -> None:
     cache, copy = tmp_path / "cache", tmp_path / "copy"
     assert int(started(cache).communicate(timeout=120)[0].rsplit(maxsplit=1)[1]) > 0

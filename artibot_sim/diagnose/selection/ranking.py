@@ -149,7 +149,11 @@ def _refusal(at: SearchStage, own: Candidate, decision: Decision, thresholds: Th
         return ""
     least = decision.least + thresholds.more(own.effect)
     why = refusal(own.effect, at.evidence[own.effect], nats, least, thresholds)
-    return why or ("nothing is named in place of what is on no list" if decision.verdict is Verdict.UNEXPLAINED else "")
+    if why or decision.verdict is not Verdict.UNEXPLAINED:
+        return why
+    if decision.unexplained is None and decision.several_soils is None:
+        return "most of the error is left with it"
+    return "nothing is named in place of what is on no list"
 
 
 def _above(decision: Decision, effect: str, trials: Sequence[Trial], thresholds: Thresholds) -> dict[str, float]:

@@ -237,6 +237,14 @@ def _digest(file: str) -> str:
     return hashlib.sha256(Path(file).read_bytes()).hexdigest()
 
 
+def _given_functions(sig: Any) -> bool:
+    """Whether an argument is a compiled function: no other process has the same one, so none would find what is kept.
+
+    Its type holds the function weakly, too: a list of versions that was read from disk could not be written again.
+    """
+    return any(isinstance(one, numba.types.Dispatcher) for one in sig)
+
+
 class _Shared(FunctionCache):
     """Numba's cache of one function: of processes that miss a version of it one compiles, the others wait and load.
 
@@ -269,6 +277,8 @@ class _Shared(FunctionCache):
         """What is on disk, or None where this process is to compile: then it holds the lock."""
         if self._opens:
             self._open()
+        if _given_functions(sig):
+            return None
         found = self._loaded(sig, target_context)
         if found is None and self._held(hashlib.sha256(repr(sig).encode()).hexdigest()[:16]):
             found = self._loaded(sig, target_context)  # another may have been at it
@@ -293,6 +303,8 @@ class _Shared(FunctionCache):
 
         Without the table of types that numba prints on demand: to write it is a third of what keeping costs.
         """
+        if _given_functions(sig):
+            return
         data = data._replace(type_annotation="")
         try:
             with self._index_locked():
