@@ -31,6 +31,7 @@ from artibot_sim.model.reference.effects import PlainEffects
 from artibot_sim.model.reference.steps import PlainState, rk4_step, semi_implicit_step
 from artibot_sim.model.robot.derived import on_ground, params
 from artibot_sim.model.simulate.rollout import unlimited_beside_prescribed
+from artibot_sim.model.simulate.stepper import COASTING, MotorCommand, Stepper
 
 
 def raster(height, cell=0.05, half=4.0, **more) -> Ground:
@@ -266,6 +267,20 @@ def test_a_rover_falls_off_a_cliff_with_a_status(agriq) -> None:
     run = rollout(agriq, driving(agriq), ground=cliff, integrator="semi_implicit")
     assert run.status in (Status.TIPPED, Status.AIRBORNE) or "face steeper" in run.message
     assert run["x_f"][-1] < 1.5
+
+
+def test_what_wheels_keep_of_their_cells_does_not_show(agriq) -> None:
+    """A rover that is asked again at each step, its wheels' cells unknown, goes as one that keeps them: to the bit."""
+    ground = random_ground(5, size=6.4, length=0.6)
+    turns = (MotorCommand((40.0, 40.0)), MotorCommand((60.0, 60.0)), COASTING, COASTING)
+    keeps = Stepper(agriq, ground=ground)
+    again = keeps.state
+    for _ in range(1000):
+        forgets = Stepper(agriq, ground=ground, state=again)
+        assert forgets.advance(4, turns) is keeps.advance(4, turns) is Status.OK
+        again = forgets.state
+    np.testing.assert_array_equal(keeps.q, again.q)
+    assert np.hypot(*keeps.q[:2]) > 4 * ground.resolution  # from where it started, at the origin
 
 
 def test_slippery_ground_lets_a_rover_slide_that_dry_ground_holds(husky) -> None:

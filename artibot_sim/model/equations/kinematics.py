@@ -175,7 +175,12 @@ def constraint(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def constraint_jacobian(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Phi_x of eq. 14, shape (4, 16), at ``q`` (16,)."""
-    _, _, front, back = _evaluate(np.array(q), np.zeros(16), packed(params(robot)))
+    return constraint_rows(packed(params(robot)), q)[1]
+
+
+def constraint_rows(p: np.void, q: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Phi (4,) and Phi_x (4, 16) of a robot whose numbers are at hand as a record."""
+    phi, _, front, back = _evaluate(np.array(q), np.zeros(16), p)
     jacobian = np.zeros((4, 16))
     jacobian[:3, X : Z + 1] = np.eye(3)
     jacobian[:3, BACK + X : BACK + Z + 1] = -np.eye(3)
@@ -183,7 +188,7 @@ def constraint_jacobian(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.floa
         jacobian[:, module + ALPHA] = alpha
         jacobian[:, module + BETA] = beta
         jacobian[[X, Y, 3], module + GAMMA] = gamma
-    return jacobian
+    return np.array(phi), jacobian
 
 
 def constraint_bias(robot: Robot, q: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.equations.contact import PairSoil, WheelPair, unloaded_radius
 from artibot_sim.model.equations.kinematics import sincos_small
-from artibot_sim.model.ground.raster import BEYOND, FACE, NODE, STEEPEST, WALL
+from artibot_sim.model.ground.raster import BEYOND, CELL, FACE, NODE, STEEPEST, WALL
 from artibot_sim.model.kernels.compilation import called, inlined
 from artibot_sim.model.kernels.layout import ALPHA, BETA, GAMMA, Q_C, X, Y, Z
 
@@ -81,60 +81,96 @@ def note(ground, what, x, y):
         ground.found[0], ground.found[1], ground.found[2] = what, x, y
 
 
-@called
-def sampled(ground, x, y):
+@inlined
+def sampled(ground, wheel, x, y):
     """Height (m), its slopes along x and y of `map`, factors of stiffness and friction at (x, y), see `raster.sample`.
 
-    Notes where a point lies beyond the raster, and where a wheel meets a wall.
+    Notes where a point lies beyond the raster, and where a wheel meets a wall. A wheel stays in a cell for many steps,
+    so each by its number keeps the polynomials of the one that it is in.
     """
-    nodes, nx, ny = ground.nodes, ground.nx, ground.ny
+    cells, o = ground.cells, CELL * wheel
     along, across = (x - ground.x) * ground.per_metre, (y - ground.y) * ground.per_metre
+    a, b = along - cells[o], across - cells[o + 1]
+    if not (a >= 0.0 and a < 1.0 and b >= 0.0 and b < 1.0):  # nor in the first one, which is NaN
+        a, b = enter(ground, o, along, across, x, y)
+    if cells[o + 26] > 0.0 and cells[o + 27 + (2 if b >= 0.5 else 0) + (1 if a >= 0.5 else 0)] > 0.5:
+        note(ground, WALL, x, y)
+    twice, thrice = 2.0 * a, 3.0 * a * a
+    h0, s0 = cubic(cells, o + 2, a), slope_of(cells, o + 2, twice, thrice)
+    h1, s1 = cubic(cells, o + 6, a), slope_of(cells, o + 6, twice, thrice)
+    h2, s2 = cubic(cells, o + 10, a), slope_of(cells, o + 10, twice, thrice)
+    h3, s3 = cubic(cells, o + 14, a), slope_of(cells, o + 14, twice, thrice)
+    height = h0 + b * (h1 + b * (h2 + b * h3))
+    h_x = (s0 + b * (s1 + b * (s2 + b * s3))) * ground.per_metre
+    h_y = (h1 + b * (2.0 * h2 + 3.0 * b * h3)) * ground.per_metre
+    return height, h_x, h_y, bilinear(cells, o + 18, a, b), bilinear(cells, o + 22, a, b)
+
+
+@inlined
+def cubic(c, i, s):
+    """Value at `s` of the cubic whose coefficients begin at `i`."""
+    return c[i] + s * (c[i + 1] + s * (c[i + 2] + s * c[i + 3]))
+
+
+@inlined
+def slope_of(c, i, twice, thrice):
+    """Its derivative; `twice` is 2 s, `thrice` 3 s²."""
+    return c[i + 1] + (twice * c[i + 2] + thrice * c[i + 3])
+
+
+@inlined
+def bilinear(c, i, a, b):
+    """Value at (a, b) of what is linear in both."""
+    return (c[i] + a * c[i + 1]) + b * (c[i + 2] + a * c[i + 3])
+
+
+@called
+def enter(ground, o, along, across, x, y):
+    """A wheel enters a cell: its polynomials from `o` on; where in it the wheel is, from 0 to 1 along and across."""
+    nodes, cells, nx, ny = ground.nodes, ground.cells, ground.nx, ground.ny
     i, j = math.floor(along), math.floor(across)
     if (i < 0 or j < 0 or i > nx - 2 or j > ny - 2) and not ground.periodic:
         if not (along >= 0.0 and across >= 0.0 and along <= nx - 1.0 and across <= ny - 1.0):
             note(ground, BEYOND, x, y)
         along, across = min(max(along, 0.0), nx - 1.0), min(max(across, 0.0), ny - 1.0)
         i, j = min(max(i, 0), nx - 2), min(max(j, 0), ny - 2)
+    cells[o], cells[o + 1] = i, j
     a, b = along - i, across - j
-    if i < 0 or i >= nx:
-        i %= nx
-    if j < 0 or j >= ny:
-        j %= ny
-    i_1, j_1 = i + 1, j + 1
-    if i_1 == nx:
-        i_1 = 0
-    if j_1 == ny:
-        j_1 = 0
+    i, j = i % nx, j % ny
+    i_1, j_1 = (i + 1) % nx, (j + 1) % ny
     n00, n01 = NODE * (j * nx + i), NODE * (j * nx + i_1)
     n10, n11 = NODE * (j_1 * nx + i), NODE * (j_1 * nx + i_1)
-    nearest = (n11 if a >= 0.5 else n10) if b >= 0.5 else (n01 if a >= 0.5 else n00)
-    if nodes[nearest + 6] > 0.5:
-        note(ground, WALL, x, y)
-    p0, p1, p2, p3, d0, d1 = hermite(a)
-    f0 = p0 * nodes[n00] + p1 * nodes[n00 + 1] + p2 * nodes[n01] + p3 * nodes[n01 + 1]
-    f1 = p0 * nodes[n10] + p1 * nodes[n10 + 1] + p2 * nodes[n11] + p3 * nodes[n11 + 1]
-    g0 = p0 * nodes[n00 + 2] + p1 * nodes[n00 + 3] + p2 * nodes[n01 + 2] + p3 * nodes[n01 + 3]
-    g1 = p0 * nodes[n10 + 2] + p1 * nodes[n10 + 3] + p2 * nodes[n11 + 2] + p3 * nodes[n11 + 3]
-    e0, e1 = (1.0 - a) * (1.0 - 3.0 * a), a * (3.0 * a - 2.0)
-    u0 = d0 * nodes[n00] + e0 * nodes[n00 + 1] + d1 * nodes[n01] + e1 * nodes[n01 + 1]
-    u1 = d0 * nodes[n10] + e0 * nodes[n10 + 1] + d1 * nodes[n11] + e1 * nodes[n11 + 1]
-    w0 = d0 * nodes[n00 + 2] + e0 * nodes[n00 + 3] + d1 * nodes[n01 + 2] + e1 * nodes[n01 + 3]
-    w1 = d0 * nodes[n10 + 2] + e0 * nodes[n10 + 3] + d1 * nodes[n11 + 2] + e1 * nodes[n11 + 3]
-    q0, q1, q2, q3, c0, c1 = hermite(b)
-    v0, v1 = (1.0 - b) * (1.0 - 3.0 * b), b * (3.0 * b - 2.0)
-    height = q0 * f0 + q1 * g0 + q2 * f1 + q3 * g1
-    h_x = (q0 * u0 + q1 * w0 + q2 * u1 + q3 * w1) * ground.per_metre
-    h_y = (c0 * f0 + v0 * g0 + c1 * f1 + v1 * g1) * ground.per_metre
-    k0, k1 = (1.0 - a) * nodes[n00 + 4] + a * nodes[n01 + 4], (1.0 - a) * nodes[n10 + 4] + a * nodes[n11 + 4]
-    m0, m1 = (1.0 - a) * nodes[n00 + 5] + a * nodes[n01 + 5], (1.0 - a) * nodes[n10 + 5] + a * nodes[n11 + 5]
-    return height, h_x, h_y, (1.0 - b) * k0 + b * k1, (1.0 - b) * m0 + b * m1
+    c = o + 2
+    cubic_into(cells, c, nodes[n00], nodes[n00 + 1], nodes[n01], nodes[n01 + 1])
+    cubic_into(cells, c + 4, nodes[n00 + 2], nodes[n00 + 3], nodes[n01 + 2], nodes[n01 + 3])
+    cubic_into(cells, c + 8, nodes[n10], nodes[n10 + 1], nodes[n11], nodes[n11 + 1])
+    cubic_into(cells, c + 12, nodes[n10 + 2], nodes[n10 + 3], nodes[n11 + 2], nodes[n11 + 3])
+    for k in range(c, c + 4):  # across, the cubics between these
+        near, rate, far, rate_far = cells[k], cells[k + 4], cells[k + 8], cells[k + 12]
+        cells[k + 8], cells[k + 12] = bend(near, rate, far, rate_far)
+    for place in range(2):
+        k, m = c + 16 + 4 * place, 4 + place
+        near, far = nodes[n00 + m], nodes[n10 + m]
+        rise, rise_far = nodes[n01 + m] - near, nodes[n11 + m] - far
+        cells[k], cells[k + 1], cells[k + 2], cells[k + 3] = near, rise, far - near, rise_far - rise
+    walls = nodes[n00 + 6], nodes[n01 + 6], nodes[n10 + 6], nodes[n11 + 6]
+    cells[o + 26] = walls[0] + walls[1] + walls[2] + walls[3]
+    cells[o + 27], cells[o + 28], cells[o + 29], cells[o + 30] = walls
+    return a, b
 
 
 @inlined
-def hermite(s):
-    """Hermite's cubics at `s` in [0, 1] of the near node's value and slope and the far one's, and the values' rates."""
-    t = 1.0 - s
-    return (1.0 + 2.0 * s) * t * t, s * t * t, s * s * (3.0 - 2.0 * s), -s * s * t, -6.0 * s * t, 6.0 * s * t
+def bend(near, rate, far, rate_far):
+    """Third and fourth coefficient of Hermite's cubic on [0, 1]; the first are value and rate at the near end."""
+    rise = far - near
+    return 3.0 * rise - 2.0 * rate - rate_far, rate + rate_far - 2.0 * rise
+
+
+@inlined
+def cubic_into(c, i, near, rate, far, rate_far):
+    """Coefficients of Hermite's cubic on [0, 1], from `i` on."""
+    c[i], c[i + 1] = near, rate
+    c[i + 2], c[i + 3] = bend(near, rate, far, rate_far)
 
 
 @inlined
@@ -145,10 +181,10 @@ def attitude_of(p, s_a, c_a, beta, s_g, c_g):
 
 
 @inlined
-def spot_under(ground, at, x, y, r_x, r_y):
-    """The ground under a point that is (r_x, r_y) from a module's origin, which is at (x, y) in `map`."""
+def spot_under(ground, wheel, at, x, y, r_x, r_y):
+    """The ground under a wheel that is (r_x, r_y) from a module's origin, which is at (x, y) in `map`."""
     out_x, out_y = x + at.c_g * r_x - at.s_g * r_y, y + at.s_g * r_x + at.c_g * r_y
-    height, h_x, h_y, k, mu = sampled(ground, out_x, out_y)
+    height, h_x, h_y, k, mu = sampled(ground, wheel, out_x, out_y)
     return GroundPoint(height, at.c_g * h_x + at.s_g * h_y, at.c_g * h_y - at.s_g * h_x, k, mu, out_x, out_y)
 
 
@@ -197,13 +233,14 @@ def wheel_on_ground(body, p, fx, ground, which, at, spot, r, z, u):
     rise2 = g_x * g_x + g_y * g_y
     if rise2 > STEEPEST * STEEPEST and sunk > 0.0:
         note(ground, FACE, spot.x, spot.y)
-    steep = 1.0 / math.sqrt(1.0 + rise2)
+    stretch = math.sqrt(1.0 + rise2)
+    steep = 1.0 / stretch
     a_x, a_y, a_z = at.s_b * at.s_a, at.c_a, at.c_b * at.s_a  # the axle; across it and in the ground's plane is ahead
     l_x, l_y, l_z = a_y + a_z * g_y, -a_z * g_x - a_x, a_y * g_x - a_x * g_y
     scale = 1.0 / math.sqrt(l_x * l_x + l_y * l_y + l_z * l_z)
     l_x, l_y, l_z = scale * l_x, scale * l_y, scale * l_z
     across = steep * (-g_y * l_z - l_y), steep * (l_x + g_x * l_z), steep * (g_y * l_x - g_x * l_y)
-    return Footing(r[0], r[1], r[2], (l_x, l_y, l_z), across, g_x, g_y, upward, sunk, sinking), upward / steep
+    return Footing(r[0], r[1], r[2], (l_x, l_y, l_z), across, g_x, g_y, upward, sunk, sinking), upward * stretch
 
 
 @inlined
@@ -212,7 +249,7 @@ def dot(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@called
+@inlined
 def standing(body, p, fx, ground, module, side, at, x, y, z, rates):
     """The two wheels on one `side` (1 left, −1 right) of a module whose origin is at (x, y, z) in `map` (`Side`).
 
@@ -220,7 +257,9 @@ def standing(body, p, fx, ground, module, side, at, x, y, z, rates):
     """
     v_x, v_y, v_z, alpha_dot, beta_dot, gamma_dot = rates
     r_f, r_b = centre_of(body, at, 1.0, side), centre_of(body, at, -1.0, side)
-    on_f, on_b = spot_under(ground, at, x, y, r_f[0], r_f[1]), spot_under(ground, at, x, y, r_b[0], r_b[1])
+    wheel = 4 * module + (2 if side > 0.0 else 0)
+    on_f = spot_under(ground, wheel, at, x, y, r_f[0], r_f[1])
+    on_b = spot_under(ground, wheel + 1, at, x, y, r_b[0], r_b[1])
     u_f = velocity_of(p, at, r_f, v_x, v_y, v_z, alpha_dot, beta_dot, gamma_dot)
     u_b = velocity_of(p, at, r_b, v_x, v_y, v_z, alpha_dot, beta_dot, gamma_dot)
     rock = 0.5 * (1.0 - p.pitching)

@@ -23,6 +23,11 @@ NODE = 8
 """Numbers of a node of `Surface`: height, its derivatives by x, by y and by both (each times the cell, m), factors of
 stiffness and of friction, 1 where a wheel meets a wall, and one that is not used (a node is a line of the cache)."""
 
+CELL = 32
+"""Numbers that a wheel keeps of the cell that it is in (a multiple of a line of the cache): column and row, then height
+as a polynomial along and across it (4 × 4 coefficients), factors of stiffness and of friction as what is linear in both
+(2 × 4), how many of its corners are at a wall, and which: the near two, then the far two. The last is not used."""
+
 FINE = 10.0
 """Wheel radius over the spacing of the points by which the envelope is computed."""
 
@@ -34,6 +39,8 @@ class Surface(NamedTuple):
     ----------
     nodes : array, shape (ny * nx * NODE,)
         Row by row from the smallest y on.
+    cells : array, shape (8 * CELL,)
+        What each wheel keeps of the cell that it is in, NaN to begin with; a run's own.
     found : array, shape (4,)
         What ended a run: 0 nothing yet, else `BEYOND`, `WALL` or `FACE`; where (x, y, m); how long after its start (s).
     x, y : float
@@ -46,6 +53,7 @@ class Surface(NamedTuple):
     """
 
     nodes: Array
+    cells: Array
     found: Array
     x: float
     y: float
@@ -167,7 +175,7 @@ class Ground:
         return np.where(known, found, np.nan)
 
     def under_wheels(self, radius: float) -> Surface:
-        """The surface for wheels of a rolling `radius` (m), computed once and kept; `found` is fresh."""
+        """The surface for wheels of a rolling `radius` (m), computed once and kept; what a run writes is fresh."""
         if radius not in self._surfaces:
             rolled = _envelope(self, radius)
             nodes = np.ones((*rolled.shape, NODE))
@@ -180,9 +188,10 @@ class Ground:
             nodes[:, :, 6] = _walls(self, rolled, radius)
             rows, columns = rolled.shape
             self._surfaces[radius] = Surface(
-                nodes.ravel(), np.zeros(4), self.x, self.y, 1.0 / self.resolution, columns, rows, self.periodic
+                nodes.ravel(), *_fresh(), self.x, self.y, 1.0 / self.resolution, columns, rows, self.periodic
             )
-        return self._surfaces[radius]._replace(found=np.zeros(4))
+        cells, found = _fresh()
+        return self._surfaces[radius]._replace(cells=cells, found=found)
 
     def steepest(self, radius: float) -> float:
         """Largest slope (rise over run) of the surface for wheels of this `radius` (m), at its nodes."""
@@ -197,6 +206,11 @@ class Ground:
             along_y, along_x = (0.5 * (np.roll(values, -1, axis) - np.roll(values, 1, axis)) for axis in (0, 1))
             return along_y, along_x
         return np.gradient(values, axis=0), np.gradient(values, axis=1)
+
+
+def _fresh() -> tuple[Array, Array]:
+    """`Surface.cells` and `Surface.found` of a run that has not begun."""
+    return np.full(8 * CELL, np.nan), np.zeros(4)
 
 
 def sample(surface: Surface, x: Array, y: Array) -> tuple[Array, Array, Array, Array, Array]:
@@ -252,30 +266,27 @@ def _envelope(ground: Ground, radius: float) -> Array:
     fine = max(1, math.ceil(ground.resolution * FINE / radius - 1e-9))
     rows, columns = ground.height.shape
     reach = math.ceil(radius / ground.resolution)
-    raw = _refined(_padded(ground, ground.height, reach), fine)
+    raw = _padded(ground, ground.height, reach)
     step, middle = ground.resolution / fine, reach * fine
     rolled = ground.height.copy()
     most = math.floor(radius / step + 1e-9)
     for dj in range(-most, most + 1):
+        across = _between(raw, middle + dj, fine, rows)
         for di in range(-most, most + 1):
             below = radius**2 - (di**2 + dj**2) * step**2
             if below >= 0.0:
-                j, i = middle + dj, middle + di
-                seen = raw[j : j + (rows - 1) * fine + 1 : fine, i : i + (columns - 1) * fine + 1 : fine]
+                seen = _between(across.T, middle + di, fine, columns).T
                 np.maximum(rolled, seen + (math.sqrt(below) - radius), out=rolled)
     return rolled
 
 
-def _refined(values: Array, fine: int) -> Array:
-    """Linear interpolation to `fine` times as many cells in both directions."""
-    for axis in (0, 1):
-        size = values.shape[axis]
-        at = np.arange((size - 1) * fine + 1) / fine
-        i = np.minimum(at.astype(int), size - 2)
-        shape = (-1, 1) if axis == 0 else (1, -1)
-        share = (at - i).reshape(shape)
-        values = (1 - share) * np.take(values, i, axis) + share * np.take(values, i + 1, axis)
-    return values
+def _between(values: Array, first: int, fine: int, count: int) -> Array:
+    """So many rows of `values`, from the one on that is `first` / `fine` rows after its first; linear in between."""
+    whole, part = divmod(first, fine)
+    if part == 0:
+        return values[whole : whole + count]
+    share = part / fine
+    return (1 - share) * values[whole : whole + count] + share * values[whole + 1 : whole + 1 + count]
 
 
 def _walls(ground: Ground, rolled: Array, radius: float) -> NDArray[np.bool_]:

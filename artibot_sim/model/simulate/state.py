@@ -10,13 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.model.effects import record
+from artibot_sim.model.equations.kinematics import constraint_rows
 from artibot_sim.model.ground.raster import Ground, Surface, beyond, sample
-from artibot_sim.model.kernels.layout import ALPHA, BACK, BETA, GAMMA, X, Y, Z
+from artibot_sim.model.kernels.layout import ALPHA, BACK, BETA, GAMMA, Q_C, ROW, X, Y, Z
+from artibot_sim.model.kernels.rest import spring_forces
 from artibot_sim.model.reference.contact import contact
-from artibot_sim.model.reference.dynamics import body_system, constraint_terms
+from artibot_sim.model.reference.dynamics import constraint_terms
 from artibot_sim.model.reference.effects import PlainEffects
 from artibot_sim.model.reference.train import train_constraint
-from artibot_sim.model.robot.derived import params, train
+from artibot_sim.model.robot.derived import packed, params, train
 from artibot_sim.model.robot.parameters import ModuleParams, Params, Train
 from artibot_sim.model.robot.robot import Robot
 
@@ -150,7 +153,7 @@ def initial_state(
     if ground is None:
         return at_rest_on_a_plane(robot, p, (x, y, yaw), float(bends[0]), t)
     level, surface = posture_at_rest(p, (0.0, 0.0, 0.0), float(bends[0])), ground.under_wheels(robot.wheel.r_w)
-    q = _settled(p, _moved(level, (x, y, yaw)), PlainEffects(robot.effects, t), surface)
+    q = _settled(robot, p, _moved(level, (x, y, yaw)), t, surface)
     return State(t, q, np.zeros(16), _efficiencies(robot), np.zeros(4))
 
 
@@ -207,24 +210,29 @@ STILL = 1e-12
 """Change of a coordinate (m, rad) below which a rover has come to rest."""
 
 
-def _settled(p: Params, q: Array, fx: PlainEffects, ground: Surface) -> Array:
+def _settled(robot: Robot, p: Params, q: Array, t: float, ground: Surface) -> Array:
     """Coordinates (16,) of a rover at rest on uneven ground, from `q` on, whose front module keeps x, y and yaws stay.
 
-    By Newton's method for the balance of forces and for eq. 13, with the stiffness of the wheels' springs.
+    By Newton's method for the balance of forces and for eq. 13, with the stiffness of the wheels' springs. Friction
+    holds what pulls along the ground.
     """
-    q, still = q.copy(), np.zeros(16)
+    numbers, fx, plain = packed(p), record(robot.effects, t), PlainEffects(robot.effects, t)
+    q, row, force, springs = q.copy(), np.zeros(ROW), np.zeros(16), np.zeros(16)
     bodies = [(p.front, 0), (p.back, BACK)][: 2 if p.two else 1]
     free = [b + c for _, b in bodies for c in ((X, Y) if b else ()) + (Z, ALPHA, BETA)]
     q[[b + Z for _, b in bodies]] += [float(sample(ground, q[b + X], q[b + Y])[0]) for _, b in bodies]
-    springs = np.zeros(16)
+    weight = np.zeros(16)
     for body, b in bodies:
         springs[b + Z], springs[b + ALPHA] = 4 * p.k_n, 4 * p.k_n * body.half_y**2
         springs[b + BETA] = p.pitching * 4 * p.k_n * body.half_x**2
+        ahead, left = plain.ask("centre", b // BACK)
+        weight[[b + Z, b + ALPHA, b + BETA]] = body.m * p.g_z * np.array([1.0, left, -p.pitching * ahead])
     for _ in range(500):
-        wheels = contact(p, q, still, fx, ground=ground)
-        _, force, jacobian, right = body_system(p, q, still, wheels, fx, pitching=p.pitching)
-        force[[X, Y, BACK + X, BACK + Y]] = 0.0  # friction holds what pulls along the ground
-        gap = constraint_terms(p, q, still)[0] if p.two else right
+        spring_forces(q, numbers, fx, ground, row)
+        for _, b in bodies:
+            contact = Q_C + 6 * (b // BACK)
+            force[b + Z : b + GAMMA] = weight[b + Z : b + GAMMA] + row[contact + Z : contact + GAMMA]
+        gap, jacobian = constraint_rows(numbers, q) if p.two else (np.zeros(0), np.zeros((0, 16)))
         columns = jacobian[:, free]
         matrix = np.block([[np.diag(springs[free]), columns.T], [columns, np.zeros((len(gap), len(gap)))]])
         step = np.linalg.lstsq(matrix, np.append(force[free], -gap), rcond=None)[0][: len(free)]
