@@ -19,11 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.odometry import FLOOR, PoseError, Slip, metres_per_radian
+from artibot_sim.estimation.odometry import PoseError, Slip, diagonal, metres_per_radian
 from artibot_sim.exchange.turning import placeless
 from artibot_sim.model import Commands, Mode, Robot, State, initial_state
-from artibot_sim.model.simulate.rollout import INTEGRATORS, RolloutSetup, Status, prepare, simulate
+from artibot_sim.model.kernels.layout import MOTOR_COORDINATES
+from artibot_sim.model.simulate.rollout import INTEGRATORS, Status, prepare
 from artibot_sim.model.simulate.sensors import sensor_errors
+from artibot_sim.model.simulate.stepper import PrescribedStepper
 
 Array = NDArray[np.float64]
 
@@ -41,8 +43,9 @@ _TAKE_UP = 0.6
 """s in which a model that is put on its wheels takes up the motion that its motors lead to."""
 _SETTLED = 0.5
 """s that wheels must have stood before the gyroscope is believed to show its bias."""
-
-
+_STANDING = (0.0,) * 4
+"""rad/s of four motors."""
+_MOTORS = list(MOTOR_COORDINATES)
 _BACK = 1.0
 """s by which stamps must fall back for a clock that was set back, or a recording that begins again."""
 
@@ -94,18 +97,19 @@ class Rotations:
         self._n, self._fastest, self._streams = motors, fastest, streams
         self.remarks: dict[str, int] = {}
         self._t: float | None = None
-        self._position, self._speed = np.full(motors, math.nan), np.full(motors, math.nan)
-        self._known = np.zeros(motors, dtype=bool)
+        self._position, self._speed = [math.nan] * motors, [math.nan] * motors
 
-    def take(self, t: float, position: Sequence[float], velocity: Sequence[float]) -> tuple[float, Array, bool] | None:
-        """Return the time since the last sample, mean speeds (n,) over it (rad/s), and whether they are known.
+    def take(
+        self, t: float, position: Sequence[float], velocity: Sequence[float]
+    ) -> tuple[float, list[float], bool] | None:
+        """Return the time since the last sample, mean speeds (n) over it (rad/s), and whether they are known.
 
         None where the sample says nothing new: held, late, or without a number. A motor that says nothing while others
         do keeps its speed.
         """
-        where, speed = self._padded(position), self._padded(velocity)
-        speed[np.abs(speed) > self._fastest] = math.nan
-        if not (np.isfinite(where) | np.isfinite(speed)).any():
+        where = self._padded(position)
+        speed = [v if abs(v) <= self._fastest else math.nan for v in self._padded(velocity)]
+        if all(value != value for value in (*where, *speed)):
             self.remark("sample without a number")
             return None
         if self._t is None:
@@ -122,44 +126,43 @@ class Rotations:
         if self._is_held(elapsed, where, speed):
             self.remark("held sample")
             return None
-        rate, between = (where - self._position) / elapsed, self._mean_speed(elapsed, speed)
-        jumped = np.abs(rate) > self._fastest
-        if elapsed <= self._streams.longest_gap:
-            jumped |= np.abs(rate - between) > _UNLIKE * self._fastest
-        if jumped.any():
+        short = elapsed <= self._streams.longest_gap
+        rate, between = self._rates(elapsed, where), self._mean_speed(elapsed, speed)
+        for motor, (r, v) in enumerate(zip(rate, between, strict=True)):
+            if abs(r) > self._fastest or (short and abs(r - v) > _UNLIKE * self._fastest):
+                rate[motor] = math.inf
+        if math.inf in rate:
             self.remark("jump of a rotation")
-        rate[jumped] = math.nan
-        mean = np.where(np.isfinite(rate), rate, between)
-        known = elapsed <= self._streams.longest_gap or bool(np.isfinite(rate[:2]).all())
+        known = short or (math.isfinite(rate[0]) and math.isfinite(rate[1]))
         if not known:
             self.remark("gap")
-        mean = np.where(np.isfinite(mean), mean, 0.0)
-        self._remember(t, where, np.where(np.isfinite(speed), speed, mean))
+        mean = [next(filter(math.isfinite, pair), 0.0) for pair in zip(rate, between, strict=True)]
+        self._remember(t, where, [m if v != v else v for v, m in zip(speed, mean, strict=True)])
         return elapsed, mean, known
 
-    def _padded(self, values: Sequence[float]) -> Array:
-        found = np.full(self._n, math.nan)
-        given = np.asarray(values, dtype=float)[: self._n]
-        found[: len(given)] = np.where(np.isfinite(given), given, math.nan)
-        return found
+    def _padded(self, values: Sequence[float]) -> list[float]:
+        """A number for each motor; NaN where there is none."""
+        given = [value if math.isfinite(value) else math.nan for value in values[: self._n]]
+        return given + [math.nan] * (self._n - len(given))
 
-    def _mean_speed(self, elapsed: float, speed: Array) -> Array:
-        """Of the speeds at both ends; over a gap the robot is not taken to have gone on."""
+    def _rates(self, elapsed: float, where: list[float]) -> list[float]:
+        return [(new - old) / elapsed for new, old in zip(where, self._position, strict=True)]
+
+    def _mean_speed(self, elapsed: float, speed: list[float]) -> list[float]:
+        """Of the speeds at both ends, of one where the other is not known; a robot does not go on over a gap."""
         if elapsed > self._streams.longest_gap:
-            return np.zeros(self._n)
-        before = np.where(np.isfinite(self._speed), self._speed, speed)
-        return 0.5 * (before + np.where(np.isfinite(speed), speed, before))
+            return [0.0] * self._n
+        pairs = ((old, old if new != new else new) for old, new in zip(self._speed, speed, strict=True))
+        return [0.5 * ((new if old != old else old) + new) for old, new in pairs]
 
-    def _is_held(self, elapsed: float, where: Array, speed: Array) -> bool:
-        same = np.array_equal(where, self._position, equal_nan=True)
-        same = same and np.array_equal(np.nan_to_num(speed), np.nan_to_num(self._speed))
-        moving = bool(np.nanmax(np.abs(self._speed), initial=0.0) > 0.0)
-        return same and moving and elapsed < self._streams.longest_hold
+    def _is_held(self, elapsed: float, where: list[float], speed: list[float]) -> bool:
+        if elapsed >= self._streams.longest_hold or not any(v != 0.0 for v in self._speed if v == v):
+            return False
+        same = all(new == old or (new != new and old != old) for new, old in zip(where, self._position, strict=True))
+        return same and [0.0 if v != v else v for v in speed] == [0.0 if v != v else v for v in self._speed]
 
-    def _remember(self, t: float, where: Array, speed: Array) -> None:
-        self._t = t
-        self._position = where
-        self._speed = speed
+    def _remember(self, t: float, where: list[float], speed: list[float]) -> None:
+        self._t, self._position, self._speed = t, where, speed
 
     def remark(self, text: str) -> None:
         """Count what was left out."""
@@ -260,6 +263,7 @@ class ModelOdometry:
         errors = sensor_errors(robot)
         self.robot, self._kappa = replace(placeless(robot), name=robot.name), kappa
         self._streams, self._slip = streams or StreamProperties(), slip or self.SLIP
+        self._slip_sensed = replace(self._slip, turn=self._streams.gyro_scale)
         self._scale = errors.encoder_scale
         self._gyro_sign = -1.0 if robot.sensors.gyro_flip else 1.0
         fitted = "gyro_bias" in robot.effects
@@ -267,12 +271,13 @@ class ModelOdometry:
         self.gyro = Gyroscope(self._streams, bias)
         motors = 4 if robot.articulated else 2
         tau = [robot.drive.front.tau] * 2 + [(robot.drive.back or robot.drive.front).tau] * 2
-        self._tau = np.array(tau)
+        self._tau, self._metres = tau, metres_per_radian(self.robot)
         self._rotations = Rotations(motors, self._streams.fastest_wheel / min(tau), self._streams)
-        self._back_seen = self._begun = False
-        self._ways = {
-            seen: _step_choice(self.robot, seen, self._kappa, self._streams.fastest_wheel) for seen in (False, True)
+        self._begun = False
+        self._models = {
+            seen: _stepper(self.robot, seen, self._kappa, self._streams.fastest_wheel) for seen in (False, True)
         }
+        self._model = self._models[not robot.articulated]
         self.reset(0.0, 0.0, 0.0)
 
     @property
@@ -284,36 +289,36 @@ class ModelOdometry:
         """Believe this pose (m, rad) for certain, and go on from the motion that was."""
         self.pose, self.twist, self.t = (x, y, yaw), (0.0, 0.0, 0.0), getattr(self, "t", None)
         self._error = PoseError(self._slip, self.robot.front.i_y)
-        self._restart(None, np.zeros(4))
+        self._restart(None, _STANDING)
 
     def settle(self) -> None:
         """Believe to be at the origin for certain; the motion under way goes on, unlike after `reset`."""
         self.pose = (0.0, 0.0, 0.0)
         self._error = PoseError(self._slip, self.robot.front.i_y)
 
-    def _restart(self, articulation: float | None, speeds: Array) -> None:
+    def _restart(self, articulation: float | None, speeds: Sequence[float]) -> None:
         """Put the model on its wheels anew, its motors turning at these speeds.
 
         Parameters
         ----------
         articulation : float or None
             Where it was measured, rad; else the model takes up what these speeds lead to.
-        speeds : array, shape (4,)
+        speeds : sequence of four
             rad/s, motor-side.
         """
-        metres, track = metres_per_radian(self.robot), self.robot.front.i_y
+        metres, track = self._metres, self.robot.front.i_y
         articulated = self.robot.articulated
         state = initial_state(self.robot, articulation_yaw=(articulation or 0.0) if articulated else 0.0)
         v = state.v.copy()
         if articulation is None:
             v[0] = 0.5 * metres * (speeds[0] + speeds[1])
             v[8] = v[0] if articulated else 0.0
-            v[[6, 7, 14, 15]] = speeds if articulated else [*speeds[:2], 0.0, 0.0]
+            v[_MOTORS] = speeds if articulated else [*speeds[:2], 0.0, 0.0]
             if not articulated:
                 v[5] = _SKID * metres * (speeds[0] - speeds[1]) / track
-        self._state = State(state.t, state.q, v, state.eta, state.torque)
-        self._still_for, self._speeds = 0.0, speeds.copy()
-        if articulation is None and np.abs(speeds).max() > 0.0:
+        self._model.state = State(state.t, state.q, v, state.eta, state.torque)
+        self._still_for, self._speeds = 0.0, speeds
+        if articulation is None and any(speeds):
             self._turn(_TAKE_UP, speeds)  # speeds that are met under way have long led to a steady motion
 
     def take_gyro(self, t: float, rate: float) -> None:
@@ -324,7 +329,7 @@ class ModelOdometry:
         """Take a measured articulation (rad): a model that has left it behind is put there."""
         if not self.robot.articulated or not math.isfinite(angle):
             return
-        q = self._state.q
+        q = self._model.q
         if abs(math.remainder(q[13] - q[5] - angle, math.tau)) > 0.1:
             self._rotations.remark("articulation taken from its sensor")
             self._restart(angle, self._speeds)
@@ -334,20 +339,22 @@ class ModelOdometry:
 
         Either may be empty, shorter, or hold NaN. Returns whether the pose has gone on.
         """
-        scaled = [np.asarray(values, dtype=float) / self._scale for values in (position, velocity)]
-        self._back_seen |= any(len(values) == 4 and bool(np.isfinite(values[2:]).all()) for values in scaled)
-        found = self._rotations.take(t - self._streams.rotation_delay, scaled[0].tolist(), scaled[1].tolist())
+        position, velocity = ([value / self._scale for value in values] for values in (position, velocity))
+        if self._model is not self._models[True] and any(map(_four, (position, velocity))):
+            self._models[True].state = self._model.state
+            self._model = self._models[True]
+        found = self._rotations.take(t - self._streams.rotation_delay, position, velocity)
         if self.t is None:
             self.t = t - self._streams.rotation_delay
         if found is None:
             return False
         elapsed, speeds, known = found
+        speeds = [*speeds, *_STANDING][:4]
         if not self._begun:
             self._begun = True
-            self._restart(None, np.concatenate([speeds, np.zeros(4)])[:4])
+            self._restart(None, speeds)
         self.t = t - self._streams.rotation_delay
         begin = self.t - elapsed
-        speeds = np.concatenate([speeds, np.zeros(4)])[:4]
         if not known:
             self._skip(begin, elapsed, speeds)
             return True
@@ -355,61 +362,57 @@ class ModelOdometry:
         self._go(begin, elapsed, speeds, (forward, left, turn))
         return True
 
-    def _moved(self, elapsed: float, speeds: Array) -> tuple[float, float, float]:
+    def _moved(self, elapsed: float, speeds: Sequence[float]) -> tuple[float, float, float]:
         """Turn the model's motors for `elapsed` s; return its motion in the frame it began in (m, m, rad)."""
-        wheel = np.abs(speeds * self._tau).max()
+        wheel = max(abs(speed) * tau for speed, tau in zip(speeds, self._tau, strict=True))
         self._still_for = self._still_for + elapsed if wheel < _STILL else 0.0
         if self._still_for > _SETTLED:
             self.twist = (0.0, 0.0, 0.0)
-            self._speeds = np.zeros(4)
+            self._speeds = _STANDING
             self._restart_at_rest()
             return 0.0, 0.0, 0.0
-        first = self._state
+        first = self._model.q
         if not self._turn(elapsed, speeds):
             self._rotations.remark("slice that the model could not follow")
-            metres = metres_per_radian(self.robot)
             self._restart(None, speeds)
             return (
-                0.5 * metres * elapsed * float(speeds[0] + speeds[1]),
+                0.5 * self._metres * elapsed * (speeds[0] + speeds[1]),
                 0.0,
-                _SKID * metres * elapsed * float(speeds[0] - speeds[1]) / self.robot.front.i_y,
+                _SKID * self._metres * elapsed * (speeds[0] - speeds[1]) / self.robot.front.i_y,
             )
-        last = self._state
-        dx, dy = (last.q[:2] - first.q[:2]).tolist()
-        c, s = math.cos(first.q[5]), math.sin(first.q[5])
-        ahead, aside = math.cos(last.q[5]), math.sin(last.q[5])
-        vx, vy, rate = last.v[0], last.v[1], last.v[5]
-        self.twist = (float(ahead * vx + aside * vy), float(ahead * vy - aside * vx), float(rate))
-        return c * dx + s * dy, c * dy - s * dx, float(last.q[5] - first.q[5])
+        x, y, _, _, _, yaw, *_ = first.tolist()
+        new_x, new_y, _, _, _, new_yaw, *_ = self._model.q.tolist()
+        vx, vy, _, _, _, rate, *_ = self._model.v.tolist()
+        c, s, ahead, aside = math.cos(yaw), math.sin(yaw), math.cos(new_yaw), math.sin(new_yaw)
+        self.twist = (ahead * vx + aside * vy, ahead * vy - aside * vx, rate)
+        dx, dy = new_x - x, new_y - y
+        return c * dx + s * dy, c * dy - s * dx, new_yaw - yaw
 
-    def _turn(self, elapsed: float, speeds: Array) -> bool:
-        """Turn the model's motors for `elapsed` s from the speeds before to these; say whether it could follow."""
+    def _turn(self, elapsed: float, speeds: Sequence[float]) -> bool:
+        """Turn the model's motors for `elapsed` s from the speeds before to these; say whether it could follow.
+
+        The change of speeds is within the first slice.
+        """
         slices = max(1, round(elapsed / SLICE))
         width = elapsed / slices
-        way = self._ways[self._back_seen or not self.robot.articulated]
-        steps = max(1, math.ceil(width / way.step - 1e-9))
-        knots = np.repeat(speeds[None], slices + 1, axis=0)
-        knots[0] = self._speeds
-        angle = np.concatenate([np.zeros((1, 4)), np.cumsum(0.5 * width * (knots[1:] + knots[:-1]), axis=0)])
-        first = self._state
-        angle += first.q[[6, 7, 14, 15]]
-        origin = State(0.0, first.q, first.v, first.eta, first.torque, first.lateral, first.bristles, first.windup)
-        commands = Commands(width, knots, position=angle)
-        setup = way.setup._replace(commands=commands, start=origin, steps=slices * steps)
-        result = simulate(setup, width / steps, way.integrator, 10**9, energy=False)
-        self._speeds = speeds.copy()
-        if result.status is not Status.OK or result.final_state is None:
-            return False
-        self._state = result.final_state
-        return True
+        angle = self._model.q[_MOTORS].tolist()
+        angles = [
+            angle,
+            [a + 0.5 * width * (old + new) for a, old, new in zip(angle, self._speeds, speeds, strict=True)],
+        ]
+        for _ in range(slices - 1):
+            angles.append([a + width * speed for a, speed in zip(angles[-1], speeds, strict=True)])
+        velocity, position = np.array([self._speeds, *[speeds] * slices]), np.array(angles)
+        self._speeds = speeds
+        return self._model.turn(width, velocity, position) is Status.OK
 
     def _restart_at_rest(self) -> None:
-        still, q = self._still_for, self._state.q
-        if np.abs(self._state.v).max() > 0.0:
-            self._restart(float(q[13] - q[5]) if self.robot.articulated else 0.0, np.zeros(4))
+        still, q = self._still_for, self._model.q
+        if self._model.v.any():
+            self._restart(float(q[13] - q[5]) if self.robot.articulated else 0.0, _STANDING)
         self._still_for = still
 
-    def _go(self, begin: float, elapsed: float, speeds: Array, motion: tuple[float, float, float]) -> None:
+    def _go(self, begin: float, elapsed: float, speeds: Sequence[float], motion: tuple[float, float, float]) -> None:
         """Carry the pose on by a motion in its own frame, with the gyroscope's turn where there is one."""
         forward, left, turn = motion
         assert self.t is not None
@@ -422,8 +425,8 @@ class ModelOdometry:
         middle = yaw + 0.5 * (turn - motion[2])  # the model's own turn is in its motion already
         c, s = math.cos(middle), math.sin(middle)
         dx, dy = c * forward - s * left, s * forward + c * left
-        rolled = float(np.abs(speeds[:2]).max()) * metres_per_radian(self.robot) * elapsed
-        error.slip = replace(self._slip, turn=self._streams.gyro_scale) if sensed else self._slip
+        rolled = max(abs(speeds[0]), abs(speeds[1])) * self._metres * elapsed
+        error.slip = self._slip_sensed if sensed else self._slip
         error.drift = self.gyro.deviation if sensed else 0.0
         if rolled > 0.0 and self._still_for <= _SETTLED:
             error.spread(dx, dy, turn, rolled, elapsed if sensed else 0.0)
@@ -433,10 +436,10 @@ class ModelOdometry:
                 error.sides_slip(rolled)
         self.pose = (x + dx, y + dy, yaw + turn)
 
-    def _skip(self, begin: float, elapsed: float, speeds: Array) -> None:
+    def _skip(self, begin: float, elapsed: float, speeds: Sequence[float]) -> None:
         """Nothing is known of the time between: the robot may have gone on, or have stopped."""
         assert self.t is not None
-        reach = max(abs(self.twist[0]), float(np.abs(self._speeds[:2]).max()) * metres_per_radian(self.robot))
+        reach = max(abs(self.twist[0]), max(map(abs, self._speeds[:2])) * self._metres)
         turned = self.gyro.turned(begin, self.t)
         rate = abs(self.twist[2]) + 2.0 * self._slip.travel * reach / self.robot.front.i_y
         self._error.wander(0.0 if math.isfinite(turned) else (rate * elapsed) ** 2, (reach * elapsed) ** 2)
@@ -449,8 +452,10 @@ class ModelOdometry:
         """Of x, y and yaw, shape (3, 3)."""
         (forward, left, rate), yaw = self.twist, self.pose[2]
         c, s = math.cos(yaw), math.sin(yaw)
-        passed = np.array([c * forward - s * left, s * forward + c * left, rate]) * self._streams.timing
-        return self._error.covariance + np.outer(passed, passed)
+        late = self._streams.timing
+        return self._error.covariance_with(
+            (late * (c * forward - s * left), late * (s * forward + c * left), late * rate)
+        )
 
     @property
     def twist_covariance(self) -> Array:
@@ -459,22 +464,19 @@ class ModelOdometry:
         turned = math.hypot(slip.turn * rate, self._error.drift)
         if not self._error.drift:
             turned = math.hypot(turned, 2.0 * slip.travel * speed / self.robot.front.i_y)
-        return np.diag(np.square((slip.travel * speed, slip.side * speed, turned)) + np.square(FLOOR))
+        return diagonal(slip.travel * speed, slip.side * speed, turned)
 
 
-@dataclass(frozen=True)
-class _StepChoice:
-    """How the model goes on: checked once, for any command up to the fastest wheel, and not for each message."""
-
-    setup: RolloutSetup
-    integrator: str
-    step: float
+def _four(values: Sequence[float]) -> bool:
+    """Whether these are of four motors, those behind being numbers."""
+    return len(values) == 4 and math.isfinite(values[2]) and math.isfinite(values[3])
 
 
-def _step_choice(robot: Robot, back_seen: bool, kappa: float | None, fastest: float) -> _StepChoice:
-    """Return the longest of `STEPS` with which the robot's motion can be integrated, explicitly if any.
+def _stepper(robot: Robot, back_seen: bool, kappa: float | None, fastest: float) -> PrescribedStepper:
+    """Return the robot's model with the longest of `STEPS` with which it can be integrated, explicitly if any.
 
-    Motors behind whose rotations are not measured share the front ones' torque, and their spin wants shorter steps.
+    It is checked once, for any command up to the fastest wheel, and not for each message. Motors behind whose rotations
+    are not measured share the front ones' torque, and their spin wants shorter steps.
     """
     modes = [Mode.PRESCRIBED] * 4 if back_seen or not robot.articulated else None
     tau = np.array([robot.drive.front.tau] * 2 + [(robot.drive.back or robot.drive.front).tau] * 2)
@@ -487,5 +489,5 @@ def _step_choice(robot: Robot, back_seen: bool, kappa: float | None, fastest: fl
             if (integrator, step) == ways[-1]:
                 raise
             continue
-        return _StepChoice(setup, integrator, step)
+        return PrescribedStepper(setup, integrator, step)
     raise AssertionError

@@ -41,9 +41,14 @@ FLOOR = (1e-3, 1e-3, 1e-3)
 """Standard deviations (m, m, rad; a second for velocities) that are stated at least: filters invert covariances."""
 
 
-_NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
-"""Gauss–Hermite quadrature over the error of the turned angle, in standard deviations."""
-_WEIGHTS /= _WEIGHTS.sum()
+def _quadrature(order: int) -> list[tuple[float, float]]:
+    """Gauss–Hermite nodes, in standard deviations, and the roots of their weights, which sum up to 1."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(order)
+    return list(zip(nodes.tolist(), np.sqrt(weights / weights.sum()).tolist(), strict=True))
+
+
+_NODES = _quadrature(7)
+"""For the error of the turned angle."""
 
 
 def metres_per_radian(robot: Robot) -> float:
@@ -148,32 +153,48 @@ class PoseError:
 
     def __init__(self, slip: Slip, track: float, drift: float = 0.0) -> None:
         self.slip, self.drift, self._track = slip, drift, track
-        self._common = np.zeros((3, 3))  # of the pose by way, side and drift, whose errors are the same all along
-        self._turned = np.zeros((3, len(_NODES)))  # by an error of the turned angle that is the same all along
-        self._changing = np.zeros((3, 3))  # covariance by those that change
+        # x, y, yaw of the pose by way, side and drift, whose errors are the same all along
+        self._common = [[0.0] * 3 for _ in range(3)]
+        self._turned = [[0.0] * 3 for _ in _NODES]  # by an error of the turned angle that is the same all along
+        self._changing = (0.0,) * 6  # xx, xy, xt, yy, yt, tt of the covariance by those that change
 
     def spread(self, dx: float, dy: float, turn: float, rolled: float, dt: float = 0.0) -> None:
-        """Carry the errors on over a step (m, m, rad in `odom`), in which the faster wheel rolled so far (m)."""
-        half = 0.5 * turn  # by a wrong turn the step itself leads astray, too
-        step = np.array([[dx, -dy, -0.5 * dt * dy], [dy, dx, 0.5 * dt * dx], [0.0, 0.0, dt]])
+        """Carry the errors on over a step (m, m, rad in `odom`), in which the faster wheel rolled so far (m).
+
+        In plain numbers: nodes do this a hundred times a second, and NumPy takes four times as long for so few.
+        """
+        half, slip = 0.5 * turn, self.slip  # by a wrong turn the step itself leads astray, too
         # a heading that was wrong before the step leads it astray
-        self._common[0] += step[0] - dy * self._common[2]
-        self._common[1] += step[1] + dx * self._common[2]
-        self._common[2] += step[2]
-        wrong = self.slip.turn * turn * _NODES
-        middle = self._turned[2] + 0.5 * wrong
-        c, s = np.cos(middle) - 1.0, np.sin(middle)
-        self._turned += (c * dx - s * dy, s * dx + c * dy, wrong)
-        carry = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
-        parts = np.array([[dx, -half * dy, -dy], [dy, half * dx, dx], [0.0, turn, 0.0]])
-        relative = np.array([self.slip.travel, self.slip.turn, self.slip.side])
-        fresh = parts * relative / math.sqrt(max(rolled, 1e-12))  # of a walk by metres, not by steps
-        self._changing = carry @ self._changing @ carry.T + fresh @ fresh.T
+        for one, (x, y, yaw) in zip(
+            self._common, ((dx, dy, 0.0), (-dy, dx, 0.0), (-0.5 * dt * dy, 0.5 * dt * dx, dt)), strict=True
+        ):
+            one[0] += x - dy * one[2]
+            one[1] += y + dx * one[2]
+            one[2] += yaw
+        for one, (node, _) in zip(self._turned, _NODES, strict=True):
+            wrong = slip.turn * turn * node
+            middle = one[2] + 0.5 * wrong
+            c, s = math.cos(middle) - 1.0, math.sin(middle)
+            one[0] += c * dx - s * dy
+            one[1] += s * dx + c * dy
+            one[2] += wrong
+        xx, xy, xt, yy, yt, tt = self._changing
+        per_metre = 1.0 / max(rolled, 1e-12)  # of a walk by metres, not by steps
+        way, angle, side = (per_metre * each * each for each in (slip.travel, slip.turn, slip.side))
+        across = angle * half * half + side
+        self._changing = (
+            xx - 2.0 * dy * xt + dy * dy * tt + way * dx * dx + across * dy * dy,
+            xy + dx * xt - dy * yt - dx * dy * tt + (way - across) * dx * dy,
+            xt - dy * tt - angle * half * turn * dy,
+            yy + 2.0 * dx * yt + dx * dx * tt + way * dy * dy + across * dx * dx,
+            yt + dx * tt + angle * half * turn * dx,
+            tt + angle * turn * turn,
+        )
 
     def wander(self, variance: float, place: float = 0.0) -> None:
         """Add variances of the heading (rad²), and of the place in each direction (m²)."""
-        self._changing[2, 2] += variance
-        self._changing[[0, 1], [0, 1]] += place
+        xx, xy, xt, yy, yt, tt = self._changing
+        self._changing = (xx + place, xy, xt, yy + place, yt, tt + variance)
 
     def sides_slip(self, rolled: float) -> None:
         """Each side slips on its own ground: the heading drifts on a straight line too.
@@ -186,9 +207,30 @@ class PoseError:
     @property
     def covariance(self) -> Array:
         """Of x, y and yaw, shape (3, 3): the mean squared error about the pose that is believed."""
-        common = self._common * np.array([self.slip.travel, self.slip.side, self.drift])
-        turned = (self._turned * _WEIGHTS) @ self._turned.T
-        return common @ common.T + turned + self._changing + np.diag(np.square(FLOOR))
+        return self.covariance_with((0.0, 0.0, 0.0))
+
+    def covariance_with(self, passed: tuple[float, float, float]) -> Array:
+        """As `covariance`, with an error more of x, y and yaw (standard deviations, all by the same cause)."""
+        slip = self.slip
+        errors = [passed]
+        for size, (x, y, yaw) in zip((slip.travel, slip.side, self.drift), self._common, strict=True):
+            errors.append((size * x, size * y, size * yaw))
+        for (_, root), (x, y, yaw) in zip(_NODES, self._turned, strict=True):
+            errors.append((root * x, root * y, root * yaw))
+        columns = np.array(errors)
+        xx, xy, xt, yy, yt, tt = self._changing
+        a, b, c = FLOOR
+        changing = np.array([[xx + a * a, xy, xt], [xy, yy + b * b, yt], [xt, yt, tt + c * c]])
+        return np.asarray(columns.T @ columns + changing)
+
+
+def diagonal(*deviations: float) -> Array:
+    """Covariance of what is independent, at least `FLOOR` each, shape (3, 3)."""
+    found = np.zeros((3, 3))
+    found[0, 0], found[1, 1], found[2, 2] = (
+        own * own + least * least for own, least in zip(deviations, FLOOR, strict=True)
+    )
+    return found
 
 
 class Odometry:
@@ -256,8 +298,7 @@ class Odometry:
         """Of the velocities forward and to the left and of the yaw rate, shape (3, 3), diagonal."""
         slip, (speed, rate) = self._slip, self.twist
         turned = math.hypot(slip.turn * rate, 2.0 * slip.travel * speed / self._track)
-        errors = (slip.travel * speed, slip.side * speed, turned)
-        return np.diag(np.square(errors) + np.square(FLOOR))
+        return diagonal(slip.travel * speed, slip.side * speed, turned)
 
 
 def measured_slip(robot: Robot, window: float = 1.0) -> Slip:

@@ -14,7 +14,6 @@ from scipy.stats import chi2
 
 from artibot_sim.cli import main
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation import model_odometry
 from artibot_sim.estimation.model_odometry import ModelOdometry, StreamProperties
 from artibot_sim.estimation.odometry import Slip
 from artibot_sim.estimation.odometry_check import (
@@ -29,8 +28,9 @@ from artibot_sim.estimation.odometry_check import (
     windows_for_covariance,
 )
 from artibot_sim.experiment import read_bag, write_experiment
-from artibot_sim.model import Mode, Robot, Rollout, load_robot, rollout
-from artibot_sim.model.simulate.rollout import RolloutSetup
+from artibot_sim.model import Commands, Mode, Robot, Rollout, State, load_robot, rollout
+from artibot_sim.model.simulate.rollout import Status
+from artibot_sim.model.simulate.stepper import PrescribedStepper
 from artibot_sim.planning import load_manoeuvre, plan
 from artibot_sim.resources import config_names
 
@@ -334,18 +334,21 @@ def test_a_train_is_refused_by_name() -> None:
 def test_it_turns_the_model_as_a_rollout_does_to_the_bit(
     monkeypatch: pytest.MonkeyPatch, name: str, back_seen: bool
 ) -> None:
-    robot, seen, simulate = load_robot(name), [], model_odometry.simulate
+    robot, seen, turn = load_robot(name), [], PrescribedStepper.turn
 
-    def beside(setup: RolloutSetup, dt: float, integrator: str, every: int, energy: bool) -> Rollout:
-        found = simulate(setup, dt, integrator, every, energy)
-        modes = [Mode.PRESCRIBED] * 4 if back_seen or not robot.articulated else None
+    def beside(stepper: PrescribedStepper, width: float, velocity: np.ndarray, position: np.ndarray) -> Status:
+        before = stepper.state
+        found = turn(stepper, width, velocity, position)
         expected = rollout(
-            setup.robot, setup.commands, dt=dt, integrator=integrator, every=every, modes=modes, state=setup.start,
-        )  # fmt: skip
-        seen.append(bits(found) == bits(expected))
+            stepper.robot, Commands(width, velocity, position), dt=width / math.ceil(width / stepper.step - 1e-9),
+            integrator=stepper.integrator, modes=[Mode.PRESCRIBED] * 4 if back_seen or not robot.articulated else None,
+            state=before,
+        ).final_state  # fmt: skip
+        assert expected is not None
+        seen.append(bits(stepper.state) == bits(expected))
         return found
 
-    monkeypatch.setattr(model_odometry, "simulate", beside)
+    monkeypatch.setattr(PrescribedStepper, "turn", beside)
     odometry = ModelOdometry(robot)
     fast = 4.0 / (robot.wheel.r_w * robot.drive.front.tau * 10.0)
     for i in range(100):
@@ -355,11 +358,9 @@ def test_it_turns_the_model_as_a_rollout_does_to_the_bit(
     assert not odometry.remarks
 
 
-def bits(result: Rollout) -> bytes:
-    """All of the state that a rollout ended with."""
-    state = result.final_state
-    assert state is not None
-    return b"".join(one.tobytes() for one in (state.q, state.v, state.eta, state.torque, state.memory))
+def bits(state: State) -> bytes:
+    """All of a state but its time."""
+    return b"".join(one.tobytes() for one in (state.q, state.v, state.eta, state.torque, state.behind, state.memory))
 
 
 def test_tyres_that_relax_are_followed_at_any_speed() -> None:
