@@ -14,7 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from artibot_sim.diagnose.commands.data import CommandData
 from artibot_sim.diagnose.commands.limit import LIMIT, SAG, Limit, excluded_limit, limited, torque_limit, torque_line
-from artibot_sim.diagnose.commands.loop import LOOP, VelocityLoop, unexplained, velocity_loop
+from artibot_sim.diagnose.commands.loop import LOOP, VelocityLoop, cutting, unexplained, velocity_loop
 from artibot_sim.diagnose.commands.mixing import Mixing, mixing
 from artibot_sim.diagnose.commands.model import (
     FILTER,
@@ -59,6 +59,8 @@ _WIDTH = 0.65
 """First width of a refinement, as a share of the distance to the next size."""
 _PART = 0.01
 """Change of a rate for finite differences, as a share of it."""
+_LOOPS, _SAME = 4, 0.01
+"""Rounds in which a windup limit is found by torques and the clock beside it; the relative change that ends them."""
 _LEAST_SD = {"delay": 1e-3, "lag": 1e-3, "scale": 2e-4, "threshold": 0.2, "rate": 0.1}
 """Standard deviations that no recording beats: stamps, encoders and drives are not better than that."""
 
@@ -391,7 +393,7 @@ class CommandFits:
             loop = self._loop_behind(best.response._replace(droop=0.0))
             if loop is None:
                 break
-            droop = {"droop": 1.0 / loop.gain, "integral": loop.integral}
+            droop = {"droop": 1.0 / loop.gain, "integral": loop.integral, "windup": loop.windup}
             fitter = replace(self.fitter, known=self.fitter.known._replace(**droop))
             best, found = fitter.best(listed, [best.response._replace(**droop)]), loop
         return best, found, fitter
@@ -404,9 +406,14 @@ class CommandFits:
             return np.asarray((asked - self.data.speed) / response.scale)
 
         most = self.fitter.clock
-        best = minimize_scalar(
-            lambda clock: unexplained(self.data, short(clock)), bounds=(-most, most), method="bounded"
-        )
+        cut = math.inf
+        for _ in range(_LOOPS):
+            best = minimize_scalar(
+                lambda clock, cut=cut: unexplained(self.data, short(clock), cut), bounds=(-most, most), method="bounded"
+            )
+            before, cut = cut, cutting(self.data, short(float(best.x)))
+            if cut == before or abs(cut - before) < _SAME * cut:
+                break
         return velocity_loop(self.data, short(float(best.x)))
 
     def _limited(self, fitter: Fitter, listed: Sequence[str], best: Best, line: bool) -> tuple[Best, Limit | None]:
@@ -534,7 +541,10 @@ class CommandFits:
             if loop is None:
                 return {}, {}
             found = {"gain": loop.gain / scale, "integral": loop.integral}
-            return found, {"gain": loop.gain_sd / scale, "integral": loop.integral_sd}
+            sd = {"gain": loop.gain_sd / scale, "integral": loop.integral_sd}
+            if loop.windup < math.inf:
+                found["windup"], sd["windup"] = loop.windup / scale, loop.windup_sd / scale
+            return found, sd
         name, field_ = PARAMETERS[effect]
         if not np.isfinite(getattr(fit.best.response, field_)):
             return {}, {}

@@ -1,19 +1,23 @@
 """A motor's velocity loop as recorded torques show it: they follow from the speed by which the motor falls short.
 
-A loop that knows nothing of its load asks for gain · (e + integral · ∫ e dt), e being that speed (`velocity_loop`).
-Torques are held against it and not speeds against torques: how far a motor is behind is known from angles better than
-any torque, and what is known badly may not stand on the side of what explains.
+A loop that knows nothing of its load asks for gain · (e + integral · ∫ e dt), e being that speed, and keeps its second
+part within a windup limit (`velocity_loop`). Torques are held against it and not speeds against torques: how far a
+motor is behind is known from angles better than any torque, and what is known badly may not stand on the side of what
+explains.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
 
 from artibot_sim.diagnose.commands.data import CommandData
 from artibot_sim.diagnose.policy import LEFT_OF_TORQUES
+from artibot_sim.model.kernels.compilation import kernel
 
 Array = NDArray[np.float64]
 
@@ -30,11 +34,24 @@ _RELATIVE = 0.01
 better."""
 
 
+_FREEDOM = 8.0
+"""Nats that a windup limit has to gain: what its freedom costs."""
+_CUT = (3e-4, 1.0)
+"""Angles behind at which a windup limit is tried to cut, over the largest one that is reached without."""
+_COARSE = 48
+"""How many of them, before the best one is refined."""
+_AGAIN = 3
+"""Rounds in which how far a part was behind when it began is corrected."""
+_FINE = 1e-3
+"""Relative change of that angle for finite differences, and how near the best one is looked for."""
+
+
 @dataclass(frozen=True)
 class VelocityLoop:
     """Gain (recorded N m s/rad) and integral (1/s) of the front motors' loops, and their standard deviations.
 
-    nats is the log-likelihood that torques gain by it: without a loop they are as large as loads are.
+    `windup` is the limit of the integral part (recorded N m), infinite where none is seen, and `cut` the angle at which
+    it cuts, rad. nats is the log-likelihood that torques gain by it: without a loop they are as large as loads are.
     """
 
     gain: float
@@ -42,6 +59,9 @@ class VelocityLoop:
     gain_sd: float
     integral_sd: float
     nats: float
+    windup: float = math.inf
+    windup_sd: float = math.inf
+    cut: float = math.inf
 
 
 def velocity_loop(data: CommandData, short: Array) -> VelocityLoop | None:
@@ -50,32 +70,154 @@ def velocity_loop(data: CommandData, short: Array) -> VelocityLoop | None:
     None where too few torques are recorded, or more is left of them than of a loop's: a motor that is told what its
     load needs is not behind by more than its sensors' noise, and then nearly all of the torque is left.
     """
-    torque, behind = _bins(data, short)
-    if len(torque) < _LEAST or not torque.any():
+    parts = _parts(data, short)
+    fit = _best(parts)
+    if fit is None:
         return None
-    solved, left = _solved(torque, behind)
-    used = 2 if solved[1] > 0.0 else 1
-    if solved[0] <= 0.0 or float(left @ left) > LEFT_OF_TORQUES**2 * float(torque @ torque):
+    count, square = len(fit.torque), float(fit.torque @ fit.torque)
+    used = 3 if fit.cut < math.inf else 2 if fit.solved[1] > 0.0 else 1
+    if fit.solved[0] <= 0.0 or fit.remains > LEFT_OF_TORQUES**2 * square:
         return None
-    variance = float(left @ left) / max(len(torque) - used - 1, 1)
-    covariance = np.zeros((2, 2))
-    covariance[:used, :used] = variance * np.linalg.inv(behind[:, :used].T @ behind[:, :used])
-    gain, integral = float(solved[0]), float(solved[1] / solved[0])
-    slope = np.array([-integral, 1.0]) / gain  # of the integral by what was solved for
+    columns = fit.behind
+    if used == 3:
+        moved = [_with_cut(parts, fit.cut * (1.0 + way * _FINE), fit.began) for way in (1.0, -1.0)]
+        change = (moved[0] - moved[1])[:, 1] / (2.0 * _FINE * fit.cut)
+        columns = np.column_stack([columns, fit.solved[1] * change])
+    variance = fit.remains / max(count - used - 1, 1)
+    covariance = np.zeros((3, 3))
+    covariance[:used, :used] = variance * np.linalg.pinv(columns[:, :used].T @ columns[:, :used])
+    gain, integral = float(fit.solved[0]), float(fit.solved[1] / fit.solved[0])
+    windup = float(fit.solved[1]) * fit.cut if used == 3 else math.inf
+    slope = np.array([-integral, 1.0, 0.0]) / gain  # of the integral by what was solved for
     return VelocityLoop(
         gain, integral, max(float(np.sqrt(covariance[0, 0])), _RELATIVE * gain),
         max(float(np.sqrt(slope @ covariance @ slope)), _RELATIVE * max(integral, 1.0)),
-        0.5 * len(torque) * float(np.log((torque @ torque) / max(float(left @ left), 1e-300))),
+        0.5 * count * float(np.log(square / max(fit.remains, 1e-300))), windup,
+        _sd_of_windup(fit, covariance) if used == 3 else math.inf, fit.cut,
     )  # fmt: skip
 
 
-def unexplained(data: CommandData, short: Array) -> float:
-    """Share of the square of recorded torques that the best loop leaves of them; 1 where nothing is recorded."""
-    torque, behind = _bins(data, short)
+def _sd_of_windup(fit: _Fit, covariance: Array) -> float:
+    """Of gain · integral · cut."""
+    slope = np.array([0.0, fit.cut, fit.solved[1]])
+    return max(float(np.sqrt(slope @ covariance @ slope)), _RELATIVE * float(fit.solved[1]) * fit.cut)
+
+
+def cutting(data: CommandData, short: Array) -> float:
+    """Angle behind (rad) at which the windup limit of the loop that explains torques best cuts; infinite of none."""
+    fit = _best(_parts(data, short))
+    return math.inf if fit is None else fit.cut
+
+
+def unexplained(data: CommandData, short: Array, cut: float = math.inf) -> float:
+    """Share of the square of recorded torques that the best loop leaves of them; 1 where nothing is recorded.
+
+    `cut` is the angle behind at which its windup limit cuts, rad.
+    """
+    fit = _fit(_parts(data, short), cut)
+    return 1.0 if fit is None else fit.remains / float(fit.torque @ fit.torque)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Samples of one part: times (s), speeds behind (rad/s), which of the bins each is in, and which bins count.
+
+    `torque` and `speed` are the means of the bins that count, N m and rad/s.
+    """
+
+    t: Array
+    e: Array
+    each: NDArray[np.int64]
+    count: NDArray[np.int64]
+    used: NDArray[np.bool_]
+    torque: Array
+    speed: Array
+
+    def angles(self, cut: float, began: float) -> Array:
+        """Mean angles behind of the bins that count, rad, which the windup limit keeps within ±`cut`."""
+        angle = np.empty(len(self.e))
+        _wind(self.e, self.t, cut, began, angle)
+        return np.asarray(np.bincount(self.each, angle)[self.used] / self.count[self.used])
+
+    def beginning(self, gain: float, rising: float, cut: float, began: float) -> float:
+        """How far behind it began (rad), corrected so that its first bin has the torque that is recorded there."""
+        missing = self.torque[0] - gain * self.speed[0] - rising * self.angles(cut, began)[0]
+        return float(np.clip(began + missing / rising, -cut, cut))
+
+
+@kernel
+def _wind(e: Array, t: Array, cut: float, began: float, angle: Array) -> None:
+    """The integral of `e` over `t` within ±`cut`, from `began` on."""
+    angle[0] = min(max(began, -cut), cut)
+    for k in range(1, len(e)):
+        angle[k] = min(max(angle[k - 1] + 0.5 * (e[k] + e[k - 1]) * (t[k] - t[k - 1]), -cut), cut)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """Torques (m,), and speeds and angles (m, 2) behind, of each part less their means; gain and gain · integral.
+
+    `remains` is the square that these leave of the torques, `cut` where the windup limit cuts (rad), `began` how far
+    each part was behind when it began, rad.
+    """
+
+    torque: Array
+    behind: Array
+    solved: Array
+    remains: float
+    cut: float
+    began: tuple[float, ...]
+
+
+def _best(parts: list[_Part]) -> _Fit | None:
+    """The loop that leaves least, with a windup limit where that gains what its freedom costs."""
+    plain = _fit(parts, math.inf)
+    if plain is None or plain.remains <= 0.0:
+        return plain
+    reached = max(float(np.ptp(part.angles(math.inf, 0.0))) for part in parts)
+    if reached <= 0.0:
+        return plain
+    tried = reached * np.geomspace(*_CUT, _COARSE)
+
+    def left(cut: float) -> float:
+        fit = _fit(parts, cut)
+        return math.inf if fit is None else fit.remains
+
+    k = int(np.argmin([left(float(cut)) for cut in tried]))
+    ends = np.log([tried[max(k - 1, 0)], tried[min(k + 1, _COARSE - 1)]])
+    found = minimize_scalar(lambda log: left(math.exp(log)), bounds=ends, method="bounded", options={"xatol": _FINE})
+    fit = _fit(parts, math.exp(float(found.x)))
+    if fit is None or fit.solved[1] <= 0.0:
+        return plain
+    gains = 0.5 * len(plain.torque) * math.log(plain.remains / max(fit.remains, 1e-300))
+    return fit if gains > _FREEDOM else plain
+
+
+def _fit(parts: list[_Part], cut: float) -> _Fit | None:
+    """Gain and gain · integral by least squares with a windup limit that cuts at `cut` (rad); None of too few torques.
+
+    How far a part was behind when it began follows from its first torque; without a windup limit it does not matter.
+    """
+    began: tuple[float, ...] = (0.0,) * len(parts)
+    torque = np.concatenate([np.empty(0), *(part.torque - part.torque.mean() for part in parts)])
     if len(torque) < _LEAST or not torque.any():
-        return 1.0
-    left = _solved(torque, behind)[1]
-    return float(left @ left) / float(torque @ torque)
+        return None
+    behind = _with_cut(parts, cut, began)
+    solved, left = _solved(torque, behind)
+    for _ in range(_AGAIN if cut < math.inf else 0):
+        gain, rising = solved.tolist()
+        if gain <= 0.0 or rising <= 0.0:
+            break
+        began = tuple(part.beginning(gain, rising, cut, first) for part, first in zip(parts, began, strict=True))
+        behind = _with_cut(parts, cut, began)
+        solved, left = _solved(torque, behind)
+    return _Fit(torque, behind, solved, float(left @ left), cut, began)
+
+
+def _with_cut(parts: list[_Part], cut: float, began: tuple[float, ...]) -> Array:
+    """Speeds and angles (m, 2) behind, of each part less their means: a part's mean is what its loop had taken up."""
+    both = [np.column_stack([part.speed, part.angles(cut, first)]) for part, first in zip(parts, began, strict=True)]
+    return np.concatenate([np.empty((0, 2)), *(one - one.mean(axis=0) for one in both)])
 
 
 def _solved(torque: Array, behind: Array) -> tuple[Array, Array]:
@@ -87,28 +229,22 @@ def _solved(torque: Array, behind: Array) -> tuple[Array, Array]:
     return np.asarray(solved, float), np.asarray(torque - behind @ solved, float)
 
 
-def _bins(data: CommandData, short: Array) -> tuple[Array, Array]:
-    """Mean torques (m,), and speeds and angles (m, 2) by which motors are behind, of each part less their means.
-
-    A part's mean is what its loop had taken up before.
-    """
-    torques, behind = [np.empty(0)], [np.empty((0, 2))]
+def _parts(data: CommandData, short: Array) -> list[_Part]:
+    """Each stretch of a motor without a gap, its torques and speeds in bins that no limit may hold."""
+    found = []
     known = np.isfinite(data.torque)
     top = float(np.sort(np.abs(data.torque[known]))[-10:].mean()) if known.any() else 0.0
     edges = np.flatnonzero(np.concatenate(([True], ~data.whole[1:, 0], [True])))
     for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        t, e, torque = data.middle[begin:end], short[begin:end], data.torque[begin:end]
+        t, e, torque = data.middle[begin:end], np.ascontiguousarray(short[begin:end]), data.torque[begin:end]
         if end - begin < 2:
             continue
-        angle = np.concatenate(([0.0], np.cumsum(0.5 * (e[1:] + e[:-1]) * np.diff(t))))
         each = ((t - t[0]) // _BIN).astype(int)
         count = np.bincount(each)
         with np.errstate(invalid="ignore"):
-            mean = np.array([np.bincount(each, column) / count for column in (torque, e, angle)])
+            mean = np.array([np.bincount(each, column) / count for column in (torque, e)])
             free = np.bincount(each, ~(np.abs(torque) < _FREE * top)) == 0
-        mean = mean[:, free & (count >= 0.5 * count.max())]
-        if mean.shape[1] > 1:
-            mean -= mean.mean(axis=1, keepdims=True)
-            torques.append(mean[0])
-            behind.append(mean[1:].T)
-    return np.concatenate(torques), np.concatenate(behind)
+        used = free & (count >= 0.5 * count.max())
+        if np.count_nonzero(used) > 1:
+            found.append(_Part(np.ascontiguousarray(t), e, each, count, used, mean[0, used], mean[1, used]))
+    return found

@@ -45,6 +45,8 @@ class CommandResponse(NamedTuple):
         Speed by which a motor falls short for each N m that its velocity loop has not taken up yet, rad/s.
     integral : float
         Rate at which that loop takes it up, 1/s.
+    windup : float
+        Largest torque that it takes up, N m.
     """
 
     rate: float = math.inf
@@ -56,6 +58,7 @@ class CommandResponse(NamedTuple):
     filter: float = 0.0
     droop: float = 0.0
     integral: float = 0.0
+    windup: float = math.inf
 
 
 FILTER = "velocity_filter"
@@ -84,6 +87,7 @@ def response_of(effects: Mapping[str, Values]) -> CommandResponse:
     if LOOP in effects and EFFECTS[LOOP].active(effects[LOOP]):
         loop = effects[LOOP]
         values |= {"droop": 1.0 / float(loop["gain"]), "integral": float(loop.get("integral", 0.0))}
+        values |= {"windup": float(loop.get("windup", math.inf))}
     return CommandResponse(**values, filter=float(effects.get(FILTER, {}).get("time_constant", 0.0)))
 
 
@@ -126,21 +130,22 @@ def _on_ramps(wanted: Array, most: float, edges: NDArray[np.int64], now: Array, 
         on_ramp(wanted[begin:end], most, now, out[begin:end])
 
 
-def left_to_take_up(data: CommandData, integral: float) -> Array:
+def left_to_take_up(data: CommandData, integral: float, windup: float = math.inf) -> Array:
     """Recorded torques (n,) less what the integral of a velocity loop has taken up of them (1/s), N m.
 
     The loop asks for gain · (e + integral · ∫ e dt), e being the speed by which its motor falls short, so that
-    de/dt + integral · e is the torque's rate over the gain. It has settled where a part begins; where no torque is
-    known nothing is missing. Torques are noisier than speeds, so it is averaged over SMOOTHED samples.
+    de/dt + integral · e is the torque's rate over the gain. It has settled where a part begins, and takes up no more
+    than `windup` (N m); where no torque is known nothing is missing. Torques are noisier than speeds, so it is averaged
+    over SMOOTHED samples.
     """
     out, smooth = np.empty(len(data)), np.empty(len(data))
-    _pass_high(np.ascontiguousarray(data.torque), data.middle, data.whole[:, 0], integral, out)
+    _pass_high(np.ascontiguousarray(data.torque), data.middle, data.whole[:, 0], integral, windup, out)
     _averaged(out, data.whole[:, 0], smooth)
     return smooth
 
 
 @kernel
-def _pass_high(torque: Array, t: Array, goes_on: NDArray[np.bool_], integral: float, out: Array) -> None:
+def _pass_high(torque: Array, t: Array, goes_on: NDArray[np.bool_], integral: float, windup: float, out: Array) -> None:
     for k in range(len(torque)):
         if not math.isfinite(torque[k]):
             out[k] = 0.0
@@ -150,6 +155,8 @@ def _pass_high(torque: Array, t: Array, goes_on: NDArray[np.bool_], integral: fl
             step = integral * (t[k] - t[k - 1])
             mean = -math.expm1(-step) / step if step > 1e-6 else 1.0
             out[k] = math.exp(-step) * out[k - 1] + mean * (torque[k] - torque[k - 1])
+        if integral > 0.0 and abs(torque[k] - out[k]) > windup:
+            out[k] = torque[k] - math.copysign(windup, torque[k] - out[k])
 
 
 @kernel
@@ -167,7 +174,7 @@ def predicted_speeds(data: CommandData, response: CommandResponse, speed: Array 
     """Speeds that are measured if the motors respond so, rad/s, shape (n,); `speed` is what `followed` gave."""
     found = _set_speeds(data, response, speed)
     if response.droop > 0.0:
-        found = found - response.scale * response.droop * left_to_take_up(data, response.integral)
+        found = found - response.scale * response.droop * left_to_take_up(data, response.integral, response.windup)
     return found
 
 

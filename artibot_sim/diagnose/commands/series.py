@@ -73,7 +73,7 @@ def series_of(
             )
             for errors, one in ((before, known), (after, response)):
                 if one.droop > 0.0:
-                    errors[:, i] -= one.scale * one.droop * _short(data, one.integral, number, i, motors.t)
+                    errors[:, i] -= one.scale * one.droop * _short(data, one, number, i, motors.t)
             if limit is not None:
                 after[_held(data, limit, number, i, motors.t), i] = np.nan
             noise.append(noise_of(motors.t, speed))
@@ -104,10 +104,10 @@ def predicted(t: Array, command: Array, response: CommandResponse, at: Array) ->
     return np.where(silent, np.nan, speed)
 
 
-def _short(data: CommandData, integral: float, recording: int, motor: int, at: Array) -> Array:
+def _short(data: CommandData, response: CommandResponse, recording: int, motor: int, at: Array) -> Array:
     """What a velocity loop has not taken up of a motor's torque at the instants `at`, N m."""
     rows = (data.recording == recording) & (data.motor == motor)
-    short = left_to_take_up(data, integral)[rows]
+    short = left_to_take_up(data, response.integral, response.windup)[rows]
     return np.interp(at, data.middle[rows], short) if rows.any() else np.zeros(len(at))
 
 

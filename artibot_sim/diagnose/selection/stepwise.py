@@ -499,8 +499,14 @@ def _with_effect(problem: Problem, fit: Fit, found: SearchStage, best: Named, se
     for rival in found.rivals:
         if rival.id == best.effect:
             return on_best_disc(rival.problem, rival.fit, seed, Rounds().few)
-    extension = sized(best.effect, problem.parameters.robot)
-    own = extension.coordinates({name: one.value for name, one in best.found.items()})
+    values, extension = (
+        {name: one.value for name, one in best.found.items()},
+        sized(best.effect, problem.parameters.robot),
+    )
+    known = {name: value for name, value in values.items() if name not in extension.search.sizes}
+    if known:  # commands tell more of it than a fit looks for
+        extension = replace(extension, fixed={**extension.fixed, **known})
+    own = extension.coordinates(values)
     return at_size(problem, fit, extension, own, Rounds().few)
 
 
