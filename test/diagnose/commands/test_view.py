@@ -32,6 +32,7 @@ HIDDEN = {
     "encoder_scale": {"scale": 0.99},
     "torque_scale": {"scale": 1.07},
 }
+LOOP = ("gain", "integral", "windup")
 SENSORS = {
     "fine": Noise(),
     "jitter": Noise(jitter=0.001),
@@ -155,6 +156,20 @@ def test_a_velocity_loop_is_found_with_its_gains(gain: float, integral: float, s
     assert one.values == pytest.approx({"gain": gain, "integral": integral}, rel=0.05, abs=0.01)
     assert all(abs(one.values[name] - value) < 4.0 * one.sd[name] for name, value in hidden["velocity_loop"].items())
     assert view.nats(replace(strong, effects=hidden)) > 20.0
+
+
+@pytest.mark.parametrize(
+    ("seed", "loop"), [(61, (0.06, 4.0, 0.2)), (62, (0.03, 6.0, 0.03)), (66, (0.0391, 6.47, 0.022))]
+)
+def test_a_velocity_loop_is_found_with_its_windup_limit(seed: int, loop: tuple[float, float, float]) -> None:
+    """A limit of the integral part is not taken for a limit of the torque, a delay or a lag."""
+    strong, hidden = AGRIQ.replace({"drive.front.torque_max": 2.0}), dict(zip(LOOP, loop, strict=True))
+    view = command_view(driven(replace(strong, effects={"velocity_loop": hidden}), seed=seed), strong)
+    assert view.found[0] == "velocity_loop"
+    one = view.evidence["velocity_loop"]
+    assert one.nats > 2.0 * max(other.nats for name, other in view.evidence.items() if name != "velocity_loop")
+    assert one.values == pytest.approx(hidden, rel=0.15)
+    assert view.nats(replace(strong, effects={"velocity_loop": hidden})) > 20.0
 
 
 def test_a_velocity_loop_is_found_beside_a_limit() -> None:
