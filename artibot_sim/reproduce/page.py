@@ -354,11 +354,15 @@ li.good b, td.good { color: var(--good); } li.bad b, td.bad { color: var(--bad);
 ul.claims small { color: var(--muted); font-size: .9em; }
 table.plain th { white-space: normal; vertical-align: bottom; max-width: 12em; }
 table.plain td:nth-child(2) { color: inherit; text-align: right; }
-table.plain td:first-child { text-align: left; }
-table.plain td.text { text-align: left; white-space: normal; min-width: 17em; max-width: 46em; }
+table.plain td:first-child { text-align: left; white-space: normal; min-width: 9em; }
+table.plain td.text { text-align: left; white-space: normal; min-width: 15em; max-width: 46em; }
 table.plain th.text { text-align: left; }
 table.plain td { vertical-align: top; }
-@media (max-width: 600px) { table.plain td:first-child { white-space: normal; min-width: 9em; } }
+@media (max-width: 600px) {
+  table.plain td.text { min-width: 11em; }
+  table.plain td.text:not(:first-child) { overflow-wrap: anywhere; }
+  table.plain td:first-child:not(.text) { min-width: 5em; }
+}
 @media (min-width: 980px) {
   .row.n2 { grid-template-columns: repeat(2, minmax(0, 1fr)); }
   .row.n3 { grid-template-columns: repeat(3, minmax(0, 1fr)); }
