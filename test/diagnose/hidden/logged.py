@@ -46,11 +46,17 @@ RECIPES: dict[str, Recipe] = {
 
 
 def recordings(
-    effects: Sequence[str], severity: float, seed: int, names: Sequence[str], duration: float, robot: str
-) -> tuple[list[Experiment], dict[str, dict[str, Any]], dict[str, float]]:
+    effects: Sequence[str], severity: float, seed: int, names: Sequence[str], duration: float, robot: str,
+    flaw: Logger | None = None,
+) -> tuple[list[Experiment], dict[str, dict[str, Any]], dict[str, float]]:  # fmt: skip
     """Recordings of a robot with these effects, the effects' parameters, and the soil in the mean.
 
     Soil, commands, noise and logger are the same whatever the effects.
+
+    Parameters
+    ----------
+    flaw : Logger, optional
+        What is the matter with the logger besides. Where it is given a gyroscope is recorded as well.
     """
     told, rng = np.random.default_rng([seed, 0]), np.random.default_rng([seed, 1])
     numbers = load_robot(robot)
@@ -60,7 +66,10 @@ def recordings(
     acting = replace(mean, effects={**mean.effects, **put_in})
     polled = float(told.choice([0.0, 20.0]))
     rates = {"motor_torques": 30.0, "ground_truth_odom": 10.0, "imu": 50.0}
-    logger = Logger(polled, rates, jitter={"ground_truth_odom": JITTER})
+    logger, kept = Logger(polled, rates, jitter={"ground_truth_odom": JITTER}), ("motor_torques", "ground_truth_odom")
+    if flaw is not None:
+        slow = {key: rate for key, rate in flaw.rates.items() if rate < rates[key]}
+        logger, kept = replace(flaw, polled=polled, rates=rates | slow, jitter=logger.jitter), (*kept, "imu")
     found = []
     for number, name in enumerate(names):
         ground = [acting]
@@ -69,7 +78,7 @@ def recordings(
             ground = [_on(acting, random_soil(acting, each, 0.3 * severity)) for _ in range(round(duration / PERIOD))]
         each = np.random.default_rng([seed, 3, number])
         seen = recorded(_seen(drive(acting, each, duration, ground), acting), logger, each)
-        channels = {key: seen.channels[key] for key in ("motor_torques", "ground_truth_odom")}
+        channels = {key: seen.channels[key] for key in kept}
         found.append(replace(seen, name=name, path=Path(name), metadata={"robot": robot}, channels=channels))
     return found, put_in, soil
 
