@@ -26,6 +26,7 @@ from artibot_sim.estimation.streams import new_values
 from artibot_sim.experiment import Experiment, read_bag
 from artibot_sim.experiment.blocks import BLOCK, in_turn
 from artibot_sim.model import MOTORS, Robot, load_robot
+from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors
 
 if TYPE_CHECKING:
     from artibot_sim.identify.run import Work
@@ -43,6 +44,8 @@ _LEAP = 0.2
 _JITTER = 0.2
 """s by which its stamps may be wrong then."""
 _DRAWS = 1000
+_SETTLES = 1.0
+"""s for which wheels turn evenly before a window: then soft ground has its slip, and a turn its sideslip."""
 
 
 @dataclass(frozen=True)
@@ -204,11 +207,11 @@ def fit_artibot(part: RecordingPart, robot: Robot, beside: Sequence[tuple[str, s
 def predict_artibot(robot: Robot, late: float, part: RecordingPart, rolling: Kinematic) -> Array:
     """Ends of a part's windows by the model of a robot whose poses are `late` (s), seen from their starts.
 
-    Every window starts at the pose that is measured there, with the velocity that `rolling` gives to its wheels:
-    nothing that is measured after the start is used. A pose that is stamped late is one from before: the model starts
-    as much earlier, with the wheels as they turned then; where rotations are stamped late it starts later. Where a
-    recording begins after that or ends before it does, the robot is taken to have moved evenly over the delay, and
-    late rotations to be on time.
+    Every window starts at the pose that is measured there, with the velocity that the model has once its wheels have
+    turned as they do then for a while: nothing that is measured after the start is used. A pose that is stamped late is
+    one from before: the model starts as much earlier, with the wheels as they turned then; where rotations are stamped
+    late it starts later. Where a recording begins after that or ends before it does, the robot is taken to have moved
+    evenly over the delay, and late rotations to be on time.
     """
     ends = _simulated_ends(robot, part, rolling, late)
     outside = np.isnan(ends[:, 0])
@@ -243,15 +246,32 @@ def _simulated_ends(robot: Robot, part: RecordingPart, rolling: Kinematic, earli
     if not rows:
         return every
     problem = Problem(ParameterSet(robot, ()), found, chosen)
+    now = round((BEFORE - (earlier or rolling.delay)) / STEP)
     starts = problem.starts.copy()
     starts[:, :3] = windows.start[rows]
-    now = round((BEFORE - (earlier or rolling.delay)) / STEP)
-    starts[:, 3:6] = rolling.rates(windows.speed[rows, now])
+    starts[:, 3:6] = _steady_rates(robot, rolling, windows.speed[rows, now])
     kinds = np.array([KINDS.index(name) for name in ("x", "y", "yaw")])
     seen = problem.sampled(np.empty(0), starts, [SamplingPlan(np.full(3, end), kinds) for end in ends])
     moved = replace(windows[np.array(rows)], end=np.array(seen)).moved
     every[rows] = moved
     return every
+
+
+def _steady_rates(robot: Robot, rolling: Kinematic, speed: Array) -> Array:
+    """Forward and leftward speed and yaw rate (n, 3), as sensors have them, where wheels have turned so for a while.
+
+    It begins as `rolling` says of such wheel speeds (n, 2) and settles for `_SETTLES` s.
+    """
+    from artibot_sim.model import Commands, initial_state, rollout
+
+    begun, rest, found = rolling.rates(speed), initial_state(robot), np.zeros((len(speed), 6))
+    for i, wheels in enumerate(speed):
+        v = rest.v.copy()
+        v[[0, 1, 5]] = begun[i]
+        turned = np.tile([*wheels, np.nan, np.nan], (2, 1))
+        run = rollout(robot, Commands(_SETTLES, turned), state=replace(rest, v=v))
+        found[i, 3:] = run.twist[-1]
+    return measured_starts(np.array([sensor_errors(robot)]), found, np.zeros(len(speed), bool))[:, 3:]
 
 
 # ----------------------------------------------------------------------
