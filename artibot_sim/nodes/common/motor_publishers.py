@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from array import array
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
@@ -21,19 +21,21 @@ from artibot_sim.exchange.urdf import urdf
 from artibot_sim.model import MOTORS, Robot
 from artibot_sim.model.robot.robot import sides_of
 from artibot_sim.model.simulate.rollout import side_gears
+from artibot_sim.nodes.common.prepared import PreparedMessage
 from artibot_sim.nodes.common.qos import LATCHED, PUBLISHED, publisher
 from artibot_sim.nodes.common.transforms import FrameNames, TransformPublisher
 
 PLANAR = np.array([6 * i + j for i in (0, 1, 5) for j in (0, 1, 5)])
 """Of a 6 x 6 covariance: x, y and yaw with each other."""
 
+MOTION = 7 + 36 + 6 + 36
+"""Numbers of an Odometry from its position on: pose, covariance, twist, covariance."""
+
+POSE_PLANAR, TWIST_PLANAR = 7 + PLANAR, 7 + 36 + 6 + PLANAR
+"""Among these, the covariances of x, y and yaw."""
+
 UPRIGHT = np.array([7 * i for i in (2, 3, 4)])
 """Of a 6 x 6 covariance: the variances of height, roll and pitch."""
-
-
-def numbers(values: Any) -> array[float]:
-    """Numbers as a message's sequence takes them without looking at each."""
-    return array("d", np.ascontiguousarray(values, dtype=float).tobytes())
 
 
 def stamp_of_ns(message: Any, t_ns: int) -> None:
@@ -47,6 +49,54 @@ def odometry_message(frame: str, child: str = "base_link") -> Odometry:
     message.pose.covariance[UPRIGHT] = message.twist.covariance[UPRIGHT] = UNKNOWN
     message.header.frame_id = frame
     return message
+
+
+class OdometryPublisher:
+    """Publishes an Odometry in the plane, with its covariances.
+
+    Parameters
+    ----------
+    publisher : rclpy Publisher
+    message : Odometry
+        With its frames.
+    """
+
+    def __init__(self, publisher: Any, message: Odometry) -> None:
+        self._message = PreparedMessage(publisher, message)
+        self._numbers = self._message.numbers("pose.pose.position.x", MOTION)
+
+    def publish(
+        self, t_ns: int, pose: Sequence[float], covariance: Any, twist: Sequence[float], twist_covariance: Any
+    ) -> None:
+        """Publish pose and twist, each with x, y and yaw, and their covariances (3, 3)."""
+        numbers, half = self._numbers, 0.5 * pose[2]
+        numbers[:2], numbers[5:7] = pose[:2], (math.sin(half), math.cos(half))
+        numbers[43:45], numbers[48] = twist[:2], twist[2]
+        numbers[POSE_PLANAR], numbers[TWIST_PLANAR] = covariance.ravel(), twist_covariance.ravel()
+        self._message.publish(t_ns)
+
+
+class JointStatePublisher:
+    """Publishes states of the same joints or motors again and again.
+
+    Parameters
+    ----------
+    publisher : rclpy Publisher
+    names : sequence of str
+    fields : sequence of str
+        Which of position, velocity and effort there are; the others stay empty.
+    """
+
+    def __init__(self, publisher: Any, names: Sequence[str], fields: Sequence[str]) -> None:
+        empty = dict.fromkeys(fields, [0.0] * len(names))
+        self._message = PreparedMessage(publisher, JointState(name=list(names), **empty))
+        self._fields = [self._message.numbers(field, len(names)) for field in fields]
+
+    def publish(self, t_ns: int, *values: Any) -> None:
+        """Publish the values of each field."""
+        for field, given in zip(self._fields, values, strict=True):
+            field[:] = given
+        self._message.publish(t_ns)
 
 
 class WheelJoints:
@@ -72,7 +122,7 @@ class WheelJoints:
         known = range(len(sides)) if passive else self._driven
         self.names = tuple(joint for side in known for joint in joints[2 * side : 2 * side + 2])
 
-    def of(self, motors: Any, sides: Any = None) -> array[float]:
+    def of(self, motors: Any, sides: Any = None) -> NDArray[np.float64]:
         """Wheel-side values, in the order of `names`, from the motors' (shape (4,)).
 
         `sides` are those of the wheels on each side, of which the ones of passive modules are taken.
@@ -81,7 +131,7 @@ class WheelJoints:
         if self._passive:
             turned, driven = np.array(sides), turned
             turned[self._driven] = driven
-        return numbers(np.repeat(turned, 2))
+        return np.repeat(turned, 2)
 
 
 class MotorPublishers:
@@ -107,16 +157,17 @@ class MotorPublishers:
     ) -> None:
         frames = frames or FrameNames()
         self.motors = robot.motors if robot.articulated else MOTORS[:2]
-        self._odom = publisher(node, Odometry, "odom", qos)
-        self._odom_message = odometry_message(frames.odom, frames.base)
+        odom, torques, command = (
+            publisher(node, kind, topic, qos)
+            for kind, topic in ((Odometry, "odom"), (JointState, "motor_torques"), (JointState, "motor_command"))
+        )
+        self._odom = OdometryPublisher(odom, odometry_message(frames.odom, frames.base))
         self._transform = TransformPublisher(node, (frames.odom, frames.base)) if tf else None
-        self._torques = publisher(node, JointState, "motor_torques", qos)
-        self._torques_message = JointState(name=list(self.motors))
-        self._command = publisher(node, JointState, "motor_command", qos)
-        self._command_message = JointState(name=list(self.motors))
+        self._torques = JointStatePublisher(torques, self.motors, ("position", "velocity", "effort"))
+        self._command = JointStatePublisher(command, self.motors, ("velocity", "effort"))
         self._description = publisher(node, String, "robot_description", LATCHED)
         self._describe(node, robot)
-        self.publishers = (self._odom, self._torques, self._command)
+        self.publishers = (odom, torques, command)
 
     def _describe(self, node: Node, robot: Robot) -> None:
         """Publish the URDF once, for viewers and recordings."""
@@ -127,31 +178,18 @@ class MotorPublishers:
 
     def odom(self, t_ns: int, believed: Believed) -> None:
         """Publish where the rover believes it is, and how sure that is."""
-        message = self._odom_message
-        stamp_of_ns(message, t_ns)
-        x, y, yaw = believed.pose
-        message.pose.pose.position.x, message.pose.pose.position.y = x, y
-        q = message.pose.pose.orientation
-        q.z, q.w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
-        message.twist.twist.linear.x, message.twist.twist.angular.z = believed.twist
-        message.pose.covariance[PLANAR] = believed.pose_covariance.ravel()
-        message.twist.covariance[PLANAR] = believed.twist_covariance.ravel()
-        self._odom.publish(message)
+        (x, y, yaw), (forward, rate) = believed.pose, believed.twist
+        covariances = believed.pose_covariance, believed.twist_covariance
+        self._odom.publish(t_ns, (x, y, yaw), covariances[0], (forward, 0.0, rate), covariances[1])
         if self._transform:
             self._transform.publish(t_ns, ((x, y, 0.0), (0.0, 0.0, yaw)))
 
     def torques(self, t_ns: int, position: Any, velocity: Any, torque: Any) -> None:
         """Publish what the motors do, arrays of shape (4,): rad, rad/s, N·m, motor-side."""
-        n, message = len(self.motors), self._torques_message
-        stamp_of_ns(message, t_ns)
-        message.position, message.velocity = numbers(position[:n]), numbers(velocity[:n])
-        message.effort = numbers(torque[:n])
-        self._torques.publish(message)
+        n = len(self.motors)
+        self._torques.publish(t_ns, position[:n], velocity[:n], torque[:n])
 
     def command(self, t_ns: int, velocity: Sequence[float], torque: Sequence[float]) -> None:
         """Publish what was commanded: front velocities (rad/s) and back torques (N·m); NaN where nothing was."""
-        n, message = len(self.motors), self._command_message
-        stamp_of_ns(message, t_ns)
-        message.velocity = array("d", [*velocity, *(math.nan,) * n][:n])
-        message.effort = array("d", [math.nan, math.nan, *torque][:n])
-        self._command.publish(message)
+        n = len(self.motors)
+        self._command.publish(t_ns, [*velocity, *(math.nan,) * n][:n], [math.nan, math.nan, *torque][:n])

@@ -68,7 +68,7 @@ def _replace(descriptor: int) -> None:
 # ----------------------------------------------------------------------
 
 
-__all__ = ["asked_to_end", "built", "destroyed", "ros_process", "split_ros_args", "undisturbed"]
+__all__ = ["asked_to_end", "built", "destroyed", "events_executor", "ros_process", "split_ros_args", "undisturbed"]
 
 _SWITCH = 5e-4  # s: a thread hands over to the one that waits after so long; Python's own 5 ms are too many
 
@@ -171,6 +171,17 @@ def ros_process(name: str, ros_args: Sequence[str]) -> Iterator[list[int]]:
         finally:
             rclpy.try_shutdown()
             uninstall_signal_handlers()  # it waits for signals in a thread, which exit handlers would end: even with NO
+
+
+def events_executor() -> Any:
+    """An executor that is told what has come, where rclpy has one: others ask every entity each time."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        from rclpy.executors import SingleThreadedExecutor
+
+        return SingleThreadedExecutor()
+    return EventsExecutor()
 
 
 def built(kind: Callable[..., Node], *args: object) -> Node:

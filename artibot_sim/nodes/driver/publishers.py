@@ -17,7 +17,7 @@ from artibot_driver.config import DriverConfig
 from artibot_driver.master import Commanded, DriveStatus, Feedback, MasterStatus, Phase, SetupStage
 from artibot_sim.estimation.odometry import Odometry, Slip, metres_per_radian
 from artibot_sim.model import Robot
-from artibot_sim.nodes.common.motor_publishers import MotorPublishers, WheelJoints, stamp_of_ns
+from artibot_sim.nodes.common.motor_publishers import JointStatePublisher, MotorPublishers, WheelJoints, stamp_of_ns
 from artibot_sim.nodes.common.qos import PUBLISHED, publisher
 from artibot_sim.nodes.common.transforms import FrameNames, has_tf
 from artibot_sim.nodes.driver.services import obstacles, stop_text
@@ -240,8 +240,9 @@ class DriverPublishers:
         frames = FrameNames.of(get("frame_prefix"), odom=get("odom_frame"), base=get("base_frame"))
         self._motors = MotorPublishers(node, robot, PUBLISHED, frames, has_tf(node, get("publish_tf")))
         self._wheels = WheelJoints(robot)
-        self._joints = publisher(node, JointState, "joint_states")
-        self._joints_message = JointState(name=list(self._wheels.names))
+        self._joints = JointStatePublisher(
+            publisher(node, JointState, "joint_states"), self._wheels.names, ("position", "velocity")
+        )
         self._diagnostics = publisher(node, DiagnosticArray, "/diagnostics")
         self._odometry = Odometry(metres_per_radian(robot), robot.front.i_y, Slip.of(settings, robot))
         self._sampled = 0
@@ -262,10 +263,7 @@ class DriverPublishers:
             return
         self._sampled, t_ns = sampled, sampled + epoch_ns
         self._motors.torques(t_ns, feedback.position, feedback.velocity, feedback.torque)
-        message = self._joints_message
-        stamp_of_ns(message, t_ns)
-        message.position, message.velocity = self._wheels.of(feedback.position), self._wheels.of(feedback.velocity)
-        self._joints.publish(message)
+        self._joints.publish(t_ns, self._wheels.of(feedback.position), self._wheels.of(feedback.velocity))
         front, rates = feedback.position[:2], feedback.velocity[:2]
         if all(map(math.isfinite, (*front, *rates))):
             self._odometry.update(front, rates)

@@ -13,7 +13,7 @@ import click
 from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.own_effects import effects_option
 from artibot_sim.nodes.common.options import BoundedNumber, parameter_files
-from artibot_sim.nodes.common.process import built, destroyed, node_main, ros_process
+from artibot_sim.nodes.common.process import built, destroyed, events_executor, node_main, ros_process
 from artibot_sim.report.files import OutputFile
 
 _DELAY = BoundedNumber(min=-1.0, max=1.0)
@@ -83,23 +83,12 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
         from artibot_sim.nodes.odometry.node import OdometryNode
 
         with destroyed(built(OdometryNode, overrides, asked)) as node:
-            executor = _executor()
+            executor = events_executor()
             executor.add_node(node)
             try:
                 return int(node.run(executor))
             finally:
                 executor.shutdown()
-
-
-def _executor() -> Any:
-    """An executor that is told what has come, where rclpy has one: others ask every subscription each time."""
-    try:
-        from rclpy.experimental import EventsExecutor
-    except ImportError:
-        from rclpy.executors import SingleThreadedExecutor
-
-        return SingleThreadedExecutor()
-    return EventsExecutor()
 
 
 def measure(bag: Path, given: dict[str, Any]) -> int:

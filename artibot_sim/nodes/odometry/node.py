@@ -16,7 +16,7 @@ from sensor_msgs.msg import Imu, JointState
 from artibot_sim.estimation.model_odometry import ModelOdometry, StreamProperties
 from artibot_sim.estimation.odometry import Slip
 from artibot_sim.model import MOTORS, load_robot
-from artibot_sim.nodes.common.motor_publishers import PLANAR, odometry_message, stamp_of_ns
+from artibot_sim.nodes.common.motor_publishers import OdometryPublisher, odometry_message
 from artibot_sim.nodes.common.parameters import declare, warn_of_unknown
 from artibot_sim.nodes.common.qos import publisher, subscription
 from artibot_sim.nodes.common.transforms import FrameNames, TransformPublisher, has_tf
@@ -90,8 +90,8 @@ class OdometryNode(Node):
         self.odometry = ModelOdometry(robot, Slip.of(settings, robot), streams, settings["kappa"] or None)
         self._names = MOTORS if robot.articulated else MOTORS[:2]
         frames = FrameNames.of(settings["frame_prefix"], odom=settings["odom_frame"], base=settings["base_frame"])
-        self._message = odometry_message(frames.odom, frames.base)
-        self._publisher = publisher(self, Odometry, "odom_model")
+        message = odometry_message(frames.odom, frames.base)
+        self._out = OdometryPublisher(publisher(self, Odometry, "odom_model"), message)
         tf = has_tf(self, settings["publish_tf"])
         self._transform = TransformPublisher(self, (frames.odom, frames.base)) if tf else None
         self._remarked: dict[str, int] = {}
@@ -114,18 +114,14 @@ class OdometryNode(Node):
         if not self.odometry.update(_seconds(message), position, velocity):
             return
         self._say()
-        odometry, out = self.odometry, self._message
+        odometry = self.odometry
         assert odometry.t is not None
-        x, y, yaw = odometry.pose
-        stamp_of_ns(out, round(odometry.t * SECOND))
-        out.pose.pose.position.x, out.pose.pose.position.y = x, y
-        out.pose.pose.orientation.z, out.pose.pose.orientation.w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
-        out.twist.twist.linear.x, out.twist.twist.linear.y, out.twist.twist.angular.z = odometry.twist
-        out.pose.covariance[PLANAR] = odometry.pose_covariance.ravel()
-        out.twist.covariance[PLANAR] = odometry.twist_covariance.ravel()
-        self._publisher.publish(out)
+        t_ns = round(odometry.t * SECOND)
+        covariances = odometry.pose_covariance, odometry.twist_covariance
+        self._out.publish(t_ns, odometry.pose, covariances[0], odometry.twist, covariances[1])
         if self._transform:
-            self._transform.publish(round(odometry.t * SECOND), ((x, y, 0.0), (0.0, 0.0, yaw)))
+            x, y, yaw = odometry.pose
+            self._transform.publish(t_ns, ((x, y, 0.0), (0.0, 0.0, yaw)))
 
     def _by_name(self, message: JointState, values: Sequence[float]) -> list[float]:
         """Values in the order of MOTORS, NaN for motors that are not in the message."""

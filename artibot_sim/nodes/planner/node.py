@@ -18,7 +18,6 @@ import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 from nav_msgs.msg import Odometry, Path
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.parameter import Parameter
 from std_msgs.msg import Header
@@ -27,8 +26,10 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from artibot_driver.priority import take_priority
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, load_robot
+from artibot_sim.nodes.common.motor_publishers import MOTION
 from artibot_sim.nodes.common.pacer import Seldom
 from artibot_sim.nodes.common.parameters import declare, warn_of_unknown
+from artibot_sim.nodes.common.prepared import PreparedMessage
 from artibot_sim.nodes.common.qos import LATCHED, publisher
 from artibot_sim.parameters import Spec
 from artibot_sim.planning import Plan, load_manoeuvre, plan
@@ -87,15 +88,6 @@ def path(plan: Plan, start_ns: int, interval: float, frame: str) -> Path:
     return message
 
 
-def odometry(plan: Plan, t: float, now_ns: int, frames: tuple[str, str]) -> Odometry:
-    """The planned pose and twist at `t` seconds after the start, stamped `now_ns`; `frames` are of pose and twist."""
-    sample = plan.at(t)
-    message = Odometry(header=Header(stamp=stamp(now_ns), frame_id=frames[0]), child_frame_id=frames[1])
-    message.pose.pose = pose(*sample.pose[0].tolist())
-    message.twist.twist.linear.x, message.twist.twist.angular.z = sample.twist[0].tolist()
-    return message
-
-
 # ----------------------------------------------------------------------
 # The planner node: publishes a plan, and while it is followed where the rover ought to be.
 #
@@ -143,7 +135,7 @@ SPECS = (
 """Every parameter; none can be changed while the node runs, for the profile is published once."""
 
 IDLE = 0.1
-"""How long the executor is waited in at a time, s: longer than a period, for each wait has its wait set built anew."""
+"""How long the executor is waited in at a time, s."""
 
 SAY_EVERY = 5.0
 """How far the drive is, is said so often, s; and who waits for longer says for what."""
@@ -185,11 +177,13 @@ class PlannerNode(Node):
         self._asked = asked
         self._path = publisher(self, Path, "planned/path", LATCHED)
         self._profile = publisher(self, JointTrajectory, "planned/front_velocity", LATCHED)
-        self._odom = publisher(self, Odometry, "planned/odom")
-        self._frames = (get("frame_id"), get("frame_prefix") + get("child_frame_id"))
+        message = Odometry(child_frame_id=get("frame_prefix") + get("child_frame_id"))
+        message.header.frame_id = get("frame_id")
+        self._odom = PreparedMessage(publisher(self, Odometry, "planned/odom"), message)
+        self._numbers = self._odom.numbers("pose.pose.position.x", MOTION)
         warn_of_unknown(self)
 
-    def run(self, executor: SingleThreadedExecutor) -> int:
+    def run(self, executor: Any) -> int:
         """Publish the plan and stay until it is over; return the exit status.
 
         0 after the end; 128 and the signal's number when asked to end before; 1 when /clock was lost.
@@ -217,7 +211,7 @@ class PlannerNode(Node):
             self._spin(executor, lambda: False)
         return status
 
-    def _spin(self, executor: SingleThreadedExecutor, done: Callable[[], bool], timeout: float = float("inf")) -> bool:
+    def _spin(self, executor: Any, done: Callable[[], bool], timeout: float = float("inf")) -> bool:
         """Spin until `done`, a signal, or `timeout` (steady time); return whether it was done."""
         deadline = time.monotonic() + timeout
         while not done():
@@ -226,7 +220,7 @@ class PlannerNode(Node):
             executor.spin_once(timeout_sec=IDLE)
         return True
 
-    def _came(self, executor: SingleThreadedExecutor, done: Callable[[], bool], timeout: float, awaited: str) -> bool:
+    def _came(self, executor: Any, done: Callable[[], bool], timeout: float, awaited: str) -> bool:
         """Wait until `done` or asked to end; False where `timeout` (s) is over before."""
         if self._spin(executor, done, min(timeout, SAY_EVERY)) or self._asked:
             return True
@@ -240,7 +234,7 @@ class PlannerNode(Node):
     def _on_clock(self) -> bool:
         return bool(self.get_parameter("use_sim_time").value)
 
-    def _wait_for_clock(self, executor: SingleThreadedExecutor) -> None:
+    def _wait_for_clock(self, executor: Any) -> None:
         if not self._on_clock:
             return
         timeout = self.settings["clock_timeout"]
@@ -250,7 +244,7 @@ class PlannerNode(Node):
                 "start one that publishes it, or set use_sim_time to false"
             )
 
-    def _wait_for_listener(self, executor: SingleThreadedExecutor) -> None:
+    def _wait_for_listener(self, executor: Any) -> None:
         timeout, topic = self.settings["subscriber_timeout"], self._profile.topic_name
         if timeout == 0:
             return
@@ -285,11 +279,15 @@ class PlannerNode(Node):
         if t > self.plan.duration + self.settings["tail"]:
             self.finished = True
             return
-        self._odom.publish(odometry(self.plan, t, now, self._frames))
+        sample, numbers = self.plan.at(t), self._numbers
+        x, y, yaw = sample.pose[0].tolist()
+        numbers[:2], numbers[5:7] = (x, y), (math.sin(yaw / 2), math.cos(yaw / 2))
+        numbers[43], numbers[48] = sample.twist[0]
+        self._odom.publish(now)
         if t > 0 and self._say_how_far.due():
             self.get_logger().info(f"{t:.0f} of {self.plan.duration:.0f} s")
 
-    def _follow(self, executor: SingleThreadedExecutor) -> int:
+    def _follow(self, executor: Any) -> int:
         """Spin until the end of the profile and its tail."""
         seen = time.monotonic()
 

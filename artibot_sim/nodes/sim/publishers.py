@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from array import array
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +16,8 @@ from sensor_msgs.msg import Imu, JointState
 
 from artibot_sim.estimation.odometry import Odometry as Believed
 from artibot_sim.model import Robot
-from artibot_sim.nodes.common.motor_publishers import MotorPublishers, WheelJoints
+from artibot_sim.nodes.common.motor_publishers import JointStatePublisher, MotorPublishers, WheelJoints
+from artibot_sim.nodes.common.prepared import PreparedMessage
 from artibot_sim.nodes.common.qos import PUBLISHED, publisher
 from artibot_sim.nodes.common.rotations import quaternion
 from artibot_sim.nodes.common.transforms import FrameNames
@@ -63,22 +63,31 @@ class Publishers:
         self.what = what
         qos = LONG_QOS if what.long_queue else PUBLISHED
         self._clock = publisher(node, Clock, "/clock") if what.clock else None
-        self._clock_message = Clock()
+        self._clock_message = PreparedMessage(self._clock, Clock())
         self._truth = publisher(node, Odometry, "ground_truth/odom", qos)
-        self._truth_message = Odometry(child_frame_id=what.frames.base)  # no covariance: nothing is estimated
-        self._truth_message.header.frame_id = what.frames.map
+        truth = Odometry(child_frame_id=what.frames.base)  # no covariance: nothing is estimated
+        truth.header.frame_id = what.frames.map
+        self._truth_message = PreparedMessage(self._truth, truth)
+        self._true_pose = self._truth_message.numbers("pose.pose.position.x", 7)
+        self._true_twist = self._truth_message.numbers("twist.twist.linear.x", 6)
         self._wheels = None if what.with_driver else WheelJoints(robot, passive=True)
         wheels = self._wheels.names if self._wheels else ()
         joints = (*wheels, *robot.articulation_joints)
         self._bends = robot.articulated
         self._joints = publisher(node, JointState, "joint_states", qos) if joints else None
-        self._joints_message = JointState(name=list(joints))
+        self._joints_out = JointStatePublisher(self._joints, joints, ("position", "velocity")) if joints else None
         self._motors = None if what.with_driver else MotorPublishers(node, robot, qos, what.frames, what.tf)
         self._imu = publisher(node, Imu, "imu/data", qos) if what.imu else None
-        self._imu_message = _imu(what)
+        self._imu_message = PreparedMessage(self._imu, _imu(what))
+        self._orientation, self._rates, self._acceleration = (
+            self._imu_message.numbers(f"{name}.x", count)
+            for name, count in (("orientation", 4), ("angular_velocity", 3), ("linear_acceleration", 3))
+        )
         self._station = publisher(node, PointStamped, "total_station/point", qos) if what.station else None
-        self._station_message = PointStamped()
-        self._station_message.header.frame_id = what.frames.map
+        point = PointStamped()
+        point.header.frame_id = what.frames.map
+        self._station_message = PreparedMessage(self._station, point)
+        self._point = self._station_message.numbers("point.x", 3)
         self._tf = SimulatedTransforms(node, robot, what.frames, what.with_driver) if what.tf else None
 
     def clock_listeners(self) -> int:
@@ -95,16 +104,14 @@ class Publishers:
     def clock(self, t_ns: int) -> None:
         """Publish /clock, if it is published at all."""
         if self._clock:
-            self._clock_message.clock.sec, self._clock_message.clock.nanosec = divmod(t_ns, 1_000_000_000)
-            self._clock.publish(self._clock_message)
+            self._clock_message.publish(t_ns)
 
     def publish(
         self, t_ns: int, sample: TrueState, sensors: SimulatedSensors, believed: Believed, station_due: bool
     ) -> None:
         """Publish one instant on every topic; `believed` goes on by it, unless a driver has the odometry."""
-        stamp = divmod(t_ns, 1_000_000_000)
         self.clock(t_ns)
-        self._publish_truth(stamp, sample)
+        self._publish_truth(t_ns, sample)
         position, velocity = sensors.encoders(sample.motor_position), sensors.velocities(t_ns, sample.motor_velocity)
         if self._motors:
             believed.update((float(position[0]), float(position[1])), (float(velocity[0]), float(velocity[1])))
@@ -112,61 +119,45 @@ class Publishers:
             self._motors.command(t_ns, sample.command, sample.motor_torque[2:])
             self._motors.odom(t_ns, believed)
         if self._joints:
-            self._publish_joints(stamp, sample, sensors, position, velocity)
+            self._publish_joints(t_ns, sample, sensors, position, velocity)
         if self._imu:
-            self._publish_imu(stamp, sample, sensors)
+            self._publish_imu(t_ns, sample, sensors)
         if self._station:
             tracked = sensors.follow(t_ns, sample.position, sample.attitude)
             if station_due:
-                self._publish_station(stamp, sensors.station(tracked))
+                self._publish_station(t_ns, sensors.station(tracked))
         if self._tf:
             self._tf.publish(t_ns, sample, believed.pose)
 
-    def _publish_truth(self, stamp: tuple[int, int], sample: TrueState) -> None:
-        message = self._truth_message
-        message.header.stamp.sec, message.header.stamp.nanosec = stamp
-        pose, twist = message.pose.pose, message.twist.twist
-        pose.position.x, pose.position.y, pose.position.z = sample.position.tolist()
-        q = pose.orientation
-        q.x, q.y, q.z, q.w = quaternion(*sample.rpy.tolist())
-        twist.linear.x, twist.linear.y, twist.linear.z = sample.velocity.tolist()
-        twist.angular.x, twist.angular.y, twist.angular.z = sample.rates.tolist()
-        self._truth.publish(message)
+    def _publish_truth(self, t_ns: int, sample: TrueState) -> None:
+        pose, twist = self._true_pose, self._true_twist
+        pose[:3], pose[3:] = sample.position, quaternion(*sample.rpy.tolist())
+        twist[:3], twist[3:] = sample.velocity, sample.rates
+        self._truth_message.publish(t_ns)
 
     def _publish_joints(
-        self, stamp: tuple[int, int], sample: TrueState, sensors: SimulatedSensors, position: Any, rate: Any
+        self, t_ns: int, sample: TrueState, sensors: SimulatedSensors, position: Any, rate: Any
     ) -> None:
-        message = self._joints_message
-        message.header.stamp.sec, message.header.stamp.nanosec = stamp
-        angles, rates = array("d"), array("d")
+        angles, rates = [], []
         if self._wheels:
             free = (None, None) if sample.wheels is None else sample.wheels
-            angles, rates = self._wheels.of(position, free[0]), self._wheels.of(rate, free[1])
+            angles, rates = self._wheels.of(position, free[0]).tolist(), self._wheels.of(rate, free[1]).tolist()
         if self._bends:
-            angles.extend(sensors.articulation(sample.articulation[0]).tolist())
-            rates.extend(sample.articulation[1].tolist())
-        message.position, message.velocity = angles, rates
-        self._joints.publish(message)  # type: ignore[union-attr]
+            angles += sensors.articulation(sample.articulation[0]).tolist()
+            rates += sample.articulation[1].tolist()
+        self._joints_out.publish(t_ns, angles, rates)  # type: ignore[union-attr]
 
-    def _publish_imu(self, stamp: tuple[int, int], sample: TrueState, sensors: SimulatedSensors) -> None:
-        message = self._imu_message
-        message.header.stamp.sec, message.header.stamp.nanosec = stamp
-        turned, specific_force = sensors.imu(sample.rates, sample.acceleration)
-        rates, acceleration = message.angular_velocity, message.linear_acceleration
-        rates.x, rates.y, rates.z = turned.tolist()
+    def _publish_imu(self, t_ns: int, sample: TrueState, sensors: SimulatedSensors) -> None:
+        self._rates[:], self._acceleration[:] = sensors.imu(sample.rates, sample.acceleration)
         if self.what.orientation:
-            q = message.orientation
-            q.x, q.y, q.z, q.w = quaternion(*sensors.orientation(sample.rpy).tolist())
-        acceleration.x, acceleration.y, acceleration.z = specific_force.tolist()
-        self._imu.publish(message)  # type: ignore[union-attr]
+            self._orientation[:] = quaternion(*sensors.orientation(sample.rpy).tolist())
+        self._imu_message.publish(t_ns)
 
-    def _publish_station(self, stamp: tuple[int, int], point: Any) -> None:
+    def _publish_station(self, t_ns: int, point: Any) -> None:
         if point is None:
             return
-        message = self._station_message
-        message.header.stamp.sec, message.header.stamp.nanosec = stamp
-        message.point.x, message.point.y, message.point.z = point.tolist()
-        self._station.publish(message)  # type: ignore[union-attr]
+        self._point[:] = point
+        self._station_message.publish(t_ns)
 
 
 def _imu(what: Published) -> Imu:
