@@ -12,6 +12,7 @@ import errno
 import socket
 import struct
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -207,6 +208,21 @@ class Bus:
         """Send a frame; False, and counted, where it could not be sent."""
         message = can.Message(arbitration_id=frame.can_id, data=frame.data, is_extended_id=False)
         return self.send_message(message)
+
+    def send_all(self, frames: Sequence[Frame]) -> list[bool]:
+        """Send frames, in one go where the bus can; of each whether it could be sent."""
+        if not isinstance(self.raw, RelayedBus) or self._controller is BusState.LOST:
+            return [self.send(frame) for frame in frames]
+        try:
+            self.raw.send_all(
+                can.Message(arbitration_id=each.can_id, data=each.data, is_extended_id=False) for each in frames
+            )
+        except _TROUBLE as error:
+            self.counters.not_sent += len(frames)
+            self._failed(error)
+            return [False] * len(frames)
+        self.counters.sent += len(frames)
+        return [True] * len(frames)
 
     def send_message(self, message: can.Message) -> bool:
         """Send any frame of python-can's; False, and counted, where it could not be sent."""

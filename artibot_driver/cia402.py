@@ -118,6 +118,7 @@ def state_of(statusword: int) -> DriveState | None:
     return _STATES[statusword & _STATE_BITS]
 
 
+@lru_cache(maxsize=256)
 def command_of(controlword: int, previous: int = 0) -> Command | None:
     """The command that a controlword (6040h) gives.
 

@@ -19,7 +19,7 @@ import struct
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -132,6 +132,10 @@ class RelayedBus(RemoteBus):
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Transmit a message."""
         self.socket.sendall(websocket_frame(BINARY, packed(msg), masked=True))
+
+    def send_all(self, messages: Iterable[can.Message]) -> None:
+        """Transmit messages in one go."""
+        self.socket.sendall(b"".join(websocket_frame(BINARY, packed(one), masked=True) for one in messages))
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next message, None when none comes within `timeout` s."""

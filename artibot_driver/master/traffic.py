@@ -8,7 +8,7 @@ from typing import Final, Protocol
 
 import can
 
-from artibot_driver.bus import BusState, Health
+from artibot_driver.bus import Bus, BusState, Health
 from artibot_driver.frames import Frame
 from artibot_driver.master.values import BusStatus
 from artibot_driver.rig import frame_bits
@@ -96,12 +96,10 @@ class BusTraffic:
         """
         if not frames:  # which says nothing of the bus
             return False
-        failures = 0
-        for frame in frames:
-            if self.bus.send(frame):
-                self._bits += frame_bits(len(frame.data))
-            else:
-                failures += 1
+        bus = self.bus
+        sent = bus.send_all(frames) if isinstance(bus, Bus) else [bus.send(frame) for frame in frames]
+        self._bits += sum(frame_bits(len(frame.data)) for frame, one in zip(frames, sent, strict=True) if one)
+        failures = sent.count(False)
         self._tally["not_sent"] += failures
         self.failed = self.failed + 1 if failures else 0
         return failures < len(frames) and self._health.state.carries_frames

@@ -39,6 +39,14 @@ from artibot_sim.errors import ArtibotError
 SENSOR: Final = 0x7300
 """Error code of a motor whose position or speed is no number."""
 
+_VOLTAGE_ENABLED, _REMOTE, _INTERNAL_LIMIT, _TARGET_REACHED, _FOLLOWS_COMMAND = (
+    int(bit)  # sets of flags take a microsecond each
+    for bit in (
+        StatusBit.VOLTAGE_ENABLED, StatusBit.REMOTE, StatusBit.INTERNAL_LIMIT, StatusBit.TARGET_REACHED,
+        StatusBit.FOLLOWS_COMMAND,
+    )
+)  # fmt: skip
+
 _QUICK_STOPS: Final = (0, 1, 2, SLOW_DOWN_AND_STAY, QUICK_STOP_AND_STAY)
 POWERED: Final = (DriveState.OPERATION_ENABLED, DriveState.QUICK_STOP_ACTIVE, DriveState.FAULT_REACTION_ACTIVE)
 """States in which the motor may have current."""
@@ -215,14 +223,18 @@ class SimulatedDrive(CanopenNode):
 
     def _status_bits(self) -> int:
         values, mode = self.objects.values, self.objects.values[0x6060, 0]
-        bits = StatusBit.VOLTAGE_ENABLED
-        bits |= StatusBit.REMOTE if self.nmt is NmtState.OPERATIONAL else StatusBit(0)
+        bits = _VOLTAGE_ENABLED
+        if self.nmt is NmtState.OPERATIONAL:
+            bits |= _REMOTE
         if self.state is DriveState.OPERATION_ENABLED:
-            bits |= StatusBit.INTERNAL_LIMIT if self._motion.limited else StatusBit(0)
-            bits |= StatusBit.TARGET_REACHED if self._motion.reached(mode) else StatusBit(0)
+            if self._motion.limited:
+                bits |= _INTERNAL_LIMIT
+            if self._motion.reached(mode):
+                bits |= _TARGET_REACHED
             if mode in (OperationMode.CYCLIC_SYNC_VELOCITY, OperationMode.CYCLIC_SYNC_TORQUE):
-                bits |= StatusBit.FOLLOWS_COMMAND
+                bits |= _FOLLOWS_COMMAND
         if mode == OperationMode.PROFILE_VELOCITY:
             slow = abs(values[0x606C, 0]) <= STANDSTILL_RPM * 10.0**-self._scaling.velocity_exponent
-            bits |= StatusBit.FOLLOWS_COMMAND if slow else StatusBit(0)  # the same bit says: speed is zero
-        return int(bits)
+            if slow:  # the same bit says: speed is zero
+                bits |= _FOLLOWS_COMMAND
+        return bits

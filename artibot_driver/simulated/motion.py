@@ -111,6 +111,9 @@ PATIENCE: Final = 0.5
 """A motor that has not come to rest so long after its demand has is left without current, s."""
 
 
+_VELOCITY_MODES: Final = frozenset(int(mode) for mode in OperationMode if mode.is_velocity)
+
+
 class Demands:
     """Demands of velocity (606Bh units) and torque (permille), as floating numbers between two roundings.
 
@@ -183,7 +186,7 @@ class Demands:
         if code == 0 or mode not in tuple(OperationMode):
             self.stop()
             return FREE, True
-        if OperationMode(mode).is_velocity:
+        if mode in _VELOCITY_MODES:
             slope = objects[0x6085 if code in (QUICK_STOP, QUICK_STOP_AND_STAY) else 0x6084, 0]
             self.velocity = _approach(self.velocity, 0.0, slope * dt)
             at_rest = abs(actual) <= STANDSTILL_RPM * self._rpm
@@ -212,7 +215,7 @@ class Demands:
 
     def _command(self, mode: int) -> ShaftCommand:
         limit = self._scaling.torque_limit.si(self._objects.values[0x6072, 0])
-        if OperationMode(mode).is_velocity:
+        if mode in _VELOCITY_MODES:
             return ShaftCommand(self._scaling.velocity.si(self.velocity), None, limit)
         return ShaftCommand(None, self._scaling.torque.si(self.torque), limit)
 

@@ -12,7 +12,6 @@ from typing import Final
 
 from canopen.objectdictionary import ObjectDictionary
 
-from artibot_driver.dictionary import NO_REMOTE_FRAME
 from artibot_driver.frames import (
     HEARTBEAT_BASE,
     SDO_REQUEST,
@@ -128,13 +127,22 @@ class CanopenNode(ABC):
 
     def step(self, now: int) -> None:
         """Let time pass: heartbeats, the watch on the master, the application."""
-        if self.nmt is NmtState.BOOT_UP:
-            return
-        self._now = max(now, self._now)
-        dt, self._last_step = 1e-9 * (self._now - self._last_step), self._now
-        self._watch_master()
-        self._send_heartbeat()
-        self._run(dt)
+        self.watch(now)
+        self.run(now)
+
+    def watch(self, now: int) -> None:
+        """Send heartbeats, and look whether the master's come; frames that have come are to be handed over before."""
+        if self.nmt is not NmtState.BOOT_UP:
+            self._now = max(now, self._now)
+            self._watch_master()
+            self._send_heartbeat()
+
+    def run(self, now: int) -> None:
+        """Let time pass for the application alone."""
+        if self.nmt is not NmtState.BOOT_UP:
+            self._now = max(now, self._now)
+            dt, self._last_step = 1e-9 * (self._now - self._last_step), self._now
+            self._run(dt)
 
     def receive(self, can_id: int, data: bytes, now: int) -> None:
         """Take a data frame with an 11-bit identifier, whatever it is."""
@@ -159,8 +167,9 @@ class CanopenNode(ABC):
                 self._take_sync()
             else:
                 for communication in self._rpdos:
-                    if can_id == values[communication, 1] & ~NO_REMOTE_FRAME:
-                        self._take_rpdo(communication, data)
+                    found = self.objects.pdo(communication)
+                    if found is not None and can_id == found.cob_id:
+                        self._take_rpdo(communication, found.packing.size, data)
 
     def _take_nmt(self, data: bytes) -> None:
         if len(data) != 2 or data[1] not in (0, self.node):
@@ -185,12 +194,8 @@ class CanopenNode(ABC):
         if was is NmtState.OPERATIONAL:
             self._connection_lost(COMMUNICATION)
 
-    def _take_rpdo(self, communication: int, data: bytes) -> None:
+    def _take_rpdo(self, communication: int, size: int, data: bytes) -> None:
         """Keep a PDO for the next SYNC; of several the last."""
-        found = self.objects.pdo(communication)
-        if found is None:
-            return
-        size = found[1].size
         if len(data) < size:
             self._warn(PDO_SHORT)
             return

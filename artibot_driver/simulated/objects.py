@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary, ODVariable
 
@@ -41,6 +41,14 @@ class Abort(Exception):
         self.code = code
 
 
+class PdoSetup(NamedTuple):
+    """Identifier, layout and objects of a PDO."""
+
+    cob_id: int
+    packing: struct.Struct
+    keys: tuple[Key, ...]
+
+
 class Objects:
     """Values of all objects, as integers (texts as bytes).
 
@@ -56,12 +64,14 @@ class Objects:
         self._variables = _variables(dictionary)
         self._commissioned = dict(commissioned)
         self._hooks: dict[Key, Callable[[int], None]] = {}
+        self._pdos: dict[int, PdoSetup | None] = {}  # as they are set up: each is asked for with every SYNC
         self.values: dict[Key, int] = {}
         self.texts: dict[Key, bytes] = {}
         self.reset()
 
     def reset(self, communication_only: bool = False) -> None:
         """All objects, or those of communication (1000h to 1FFFh), as after power on."""
+        self._pdos.clear()
         for key, variable in self._variables.items():
             if communication_only and not 0x1000 <= key[0] < 0x2000:
                 continue
@@ -114,6 +124,7 @@ class Objects:
             raise Abort(TOO_LOW)
         if 0x1400 <= key[0] < 0x1C00:
             self._check_pdo(key, value)
+            self._pdos.clear()
         hook = self._hooks.get(key)
         if hook is not None:
             hook(value)
@@ -144,14 +155,19 @@ class Objects:
             raise Abort(NOT_MAPPABLE)
         return word & 0xFF
 
-    def pdo(self, communication: int) -> tuple[int, struct.Struct, tuple[Key, ...]] | None:
-        """Identifier, layout and objects of a PDO as it is set up now; None where it is off or empty."""
+    def pdo(self, communication: int) -> PdoSetup | None:
+        """A PDO as it is set up now; None where it is off or empty."""
+        if communication not in self._pdos:
+            self._pdos[communication] = self._pdo(communication)
+        return self._pdos[communication]
+
+    def _pdo(self, communication: int) -> PdoSetup | None:
         cob_id, mapping = self.values[communication, 1], communication + 0x200
         words = [self.values[mapping, k] for k in range(1, self.values[mapping, 0] + 1)]
         if cob_id & _DISABLED or not words:
             return None
         keys = tuple((word >> 16, word >> 8 & 0xFF) for word in words)
-        return (
+        return PdoSetup(
             cob_id & ~NO_REMOTE_FRAME,
             struct.Struct("<" + "".join(_format(self._variables[key]) for key in keys)),
             keys,

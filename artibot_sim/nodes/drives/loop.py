@@ -1,9 +1,10 @@
 """Four simulated drives on a bus and the motors behind them, kept in step with real time. No ROS in here.
 
-Frames are answered as they come, between two slices of motion; a slice is 2 ms or less. Nothing here has a thread:
-whoever owns a :class:`DriveLoop` calls :meth:`DriveLoop.run_until` again and again. Frames and drives live in steady
-wall time. A machine that was held up turns the motors by all the slices that are due at once, after it has read what
-came in the meantime: a heartbeat that was there in time counts.
+Frames are answered as they come, once the motors have turned up to then, in slices of motion of 2 ms or less; where
+nothing comes nobody asks where they are, and they turn once a period. Nothing here has a thread: whoever owns a
+:class:`DriveLoop` calls :meth:`DriveLoop.run_until` again and again. Frames and drives live in steady wall time. On a
+machine that was held up drives have read what came in the meantime before they look for their master's heartbeat: one
+that was there in time counts.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from artibot_sim.model import MOTORS
 from artibot_sim.nodes.drives.motors import Plant
 
 MOST_AT_ONCE: Final = 200
-"""Frames that are read at most when a slice is overdue: a flood of them must not stop the motors."""
+"""Frames that are read at most before the motors turn on: a flood of them must not stop these."""
 
 CHECK_EVERY: Final = 500_000_000
 """Between two checks of the bus's health, ns."""
@@ -49,17 +50,22 @@ class DriveLoop:
 
     def __init__(self, rig: Rig, plant: Plant, bus: Bus) -> None:
         self.rig, self.plant, self.bus = rig, plant, bus
-        self.drives = {motor: SimulatedDrive(rig, motor, plant.shafts[motor], self._send) for motor in MOTORS}
+        self._unsent: list[Frame] = []
+        self.drives = {motor: SimulatedDrive(rig, motor, plant.shafts[motor], self._unsent.append) for motor in MOTORS}
         self._check_at, self._lost = 0, False
 
-    def _send(self, frame: Frame) -> None:
-        self.bus.send(frame)
+    def _flush(self) -> None:
+        """Send what the drives have to say, all at once."""
+        if self._unsent:
+            self.bus.send_all(self._unsent)
+            self._unsent.clear()
 
     def switch_on(self) -> None:
         """Switch all drives' power on, or off and on again: they boot, motors without current."""
         now = time.monotonic_ns()
         for drive in self.drives.values():
             drive.power_on(now)
+        self._flush()
 
     def run_until(self, deadline: int, slices: int) -> str:
         """Serve the bus until `deadline` (steady ns), and turn the motors by `slices`, the last of which ends then.
@@ -76,37 +82,42 @@ class DriveLoop:
         """
         begin, done = deadline - slices * self.plant.slice_ns, 0
         while done < slices:
-            self._serve(begin + (done + 1) * self.plant.slice_ns)
+            come = self._wait(deadline)
             now = time.monotonic_ns()
-            for drive in self.drives.values():
-                drive.step(now)
             due = min(slices, (now - begin) // self.plant.slice_ns)
-            self.plant.advance(due - done)
-            done = due
+            if due > done:  # up to where the frames find them
+                for drive in self.drives.values():
+                    drive.run(begin + due * self.plant.slice_ns)
+                self.plant.advance(due - done)
+                done = due
+            for can_id, data in come:
+                for drive in self.drives.values():
+                    drive.receive(can_id, data, now)
+            for drive in self.drives.values():
+                drive.watch(now)
+            self._flush()
         return self._restore_bus()
 
     def close(self) -> None:
         """Close the bus."""
         self.bus.close()
 
-    def _serve(self, until: int) -> None:
-        """Answer frames until then, and what has come by then, but not for ever."""
-        late, now = 0, time.monotonic_ns()
-        while late < MOST_AT_ONCE:
-            message = self.bus.receive_any(max(0, until - now) * 1e-9)
-            now = time.monotonic_ns()
-            if message is None:
-                if now >= until:
-                    return
-                time.sleep(min(until - now, 1_000_000) * 1e-9)  # a bus that is down says at once that nothing came
-                now = time.monotonic_ns()
-                continue
-            late += now >= until
-            if message.is_error_frame or message.is_extended_id or message.is_remote_frame:
-                continue
-            can_id, data = message.arbitration_id, bytes(message.data)
-            for drive in self.drives.values():
-                drive.receive(can_id, data, now)
+    def _wait(self, until: int) -> list[tuple[int, bytes]]:
+        """Wait for frames until then; what has come, but not more than can be answered in time."""
+        now = time.monotonic_ns()
+        message = self.bus.receive_any(max(0, until - now) * 1e-9)
+        if message is None:
+            left = until - time.monotonic_ns()
+            if left > 0:
+                time.sleep(min(left, 1_000_000) * 1e-9)  # a bus that is down says at once that nothing came
+            return []
+        come = []
+        for _ in range(MOST_AT_ONCE):
+            if not (message.is_error_frame or message.is_extended_id or message.is_remote_frame):
+                come.append((message.arbitration_id, bytes(message.data)))
+            if (message := self.bus.receive_any(0.0)) is None:
+                break
+        return come
 
     def _restore_bus(self) -> str:
         """Try to open a bus again that is lost; what there is to say of it."""
