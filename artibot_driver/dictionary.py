@@ -100,6 +100,11 @@ class PdoMap:
         """Field's name → its position among the values."""
         return {field.name: k for k, field in enumerate(self.fields)}
 
+    @cached_property
+    def objects(self) -> tuple[int | None, ...]:
+        """Index of each field; None for a part of an object that has several."""
+        return tuple(field.index if field.subindex == 0 else None for field in self.fields)
+
     def id_of(self, node: int) -> int:
         """CAN identifier of a node's PDO."""
         return self.cob_id + (node if self.relative else 0)

@@ -7,11 +7,11 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Final
 
-from artibot_driver.cia402 import DriveState, StatusBit, controlword_for, state_of
+from artibot_driver.cia402 import DriveState, controlword_for, state_of
 from artibot_driver.dictionary import PdoMap
 from artibot_driver.frames import Emcy, Frame, Heartbeat, NmtState, Sdo, error_text
 from artibot_driver.master.setup import DriveSetup
-from artibot_driver.master.values import DriveStatus, SetupStage
+from artibot_driver.master.values import INTERNAL_LIMIT, WARNING, DriveStatus, SetupStage
 from artibot_driver.pdo import Pdo
 from artibot_driver.rig import Rig
 from artibot_driver.scaling import unwrap
@@ -71,6 +71,8 @@ class Link:
     ----------
     received : Received
     setup : DriveSetup
+    state : DriveState or None
+        Of CiA 402, as it reported it last.
     restarted : str
         How it was noticed that the drive left operational by itself, until the master has dealt with it.
     alarm : Emcy or None
@@ -86,6 +88,7 @@ class Link:
         self.scaling = rig.scaling[motor]
         self.setup = DriveSetup(rig, motor, tally)
         self.received = Received()
+        self.state: DriveState | None = None
         self.restarted = ""
         self.alarm: Emcy | None = None
         self.doubtful = self.shares_id = False
@@ -114,17 +117,18 @@ class Link:
         elif self._in_period and self._in_period[-1] > name:
             self._tally["out_of_order"] += 1
         self._in_period.append(name)
-        for each, value in zip(pdo.map.fields, pdo.values, strict=True):
-            if each.subindex == 0:
-                self.received.objects[each.index] = value
-        indices = [each.index for each in pdo.map.fields]
-        if STATUSWORD in indices:
+        objects = self.received.objects
+        for index, value in zip(pdo.map.objects, pdo.values, strict=True):
+            if index is not None:
+                objects[index] = value
+        if STATUSWORD in pdo.map.objects:
+            self.state = state_of(objects[STATUSWORD])
             self.received.feedback_ns, self.received.sampled_ns = now, sampled
             self.received.operational_ns = self.received.operational_ns or now
             self.setup.started()
-        if POSITION in indices:
+        if POSITION in pdo.map.objects:
             self.received.position_ns = now
-            self._count_on(self.received.objects[POSITION])
+            self._count_on(objects[POSITION])
 
     def _count_on(self, raw: int) -> None:
         if self._total is None or self._anew:
@@ -165,7 +169,7 @@ class Link:
         """The drive is gone, or has lost its settings: seek it and set it up from the beginning."""
         self.setup.restart()
         emergency = self.received.emergency
-        self.received = Received(emergency=emergency)
+        self.received, self.state = Received(emergency=emergency), None
         self._anew, self.doubtful = True, False
 
     def end_period(self, expected: DriveState | None) -> None:
@@ -194,12 +198,6 @@ class Link:
         return "; ".join(wrong)
 
     # What is known of it.
-
-    @property
-    def state(self) -> DriveState | None:
-        """State of CiA 402 that it reported last."""
-        word = self.received.objects.get(STATUSWORD)
-        return None if word is None else state_of(word)
 
     @property
     def mode_fits(self) -> bool:
@@ -231,8 +229,8 @@ class Link:
 
     def _count_status_bits(self) -> None:
         word = self.received.objects.get(STATUSWORD, 0)
-        self._tally["drive_warns"] += bool(word & StatusBit.WARNING)
-        self._tally["drive_at_limit"] += bool(word & StatusBit.INTERNAL_LIMIT)
+        self._tally["drive_warns"] += bool(word & WARNING)
+        self._tally["drive_at_limit"] += bool(word & INTERNAL_LIMIT)
 
     def fault_text(self) -> str:
         """What its fault is, as far as it has reported it."""
@@ -299,4 +297,4 @@ def _age(then: int | None, now: int) -> float:
 
 
 def _values(each: PdoMap, given: dict[int, int]) -> list[int]:
-    return [given.get(part.index, 0) if part.subindex == 0 else 0 for part in each.fields]
+    return [0 if index is None else given.get(index, 0) for index in each.objects]

@@ -19,6 +19,9 @@ Pair = tuple[float, float]
 Four = tuple[float, float, float, float]
 """In the order of ``MOTORS``."""
 
+WARNING, INTERNAL_LIMIT = int(StatusBit.WARNING), int(StatusBit.INTERNAL_LIMIT)
+"""Bits of the statusword as plain numbers: sets of flags take a microsecond each."""
+
 NAN_PAIR: Final = (math.nan, math.nan)
 NAN_FOUR: Final = (math.nan, math.nan, math.nan, math.nan)
 
@@ -177,12 +180,12 @@ class DriveStatus:
     @property
     def warns(self) -> bool:
         """Whether its statusword's warning bit is set."""
-        return bool(self.statusword & StatusBit.WARNING)
+        return bool(self.statusword & WARNING)
 
     @property
     def at_limit(self) -> bool:
         """Whether its statusword says that an internal limit acts."""
-        return bool(self.statusword & StatusBit.INTERNAL_LIMIT)
+        return bool(self.statusword & INTERNAL_LIMIT)
 
 
 @dataclass(frozen=True)

@@ -165,7 +165,7 @@ def articulation(q: NDArray[np.float64]) -> NDArray[np.float64]:
 def articulations(q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Yaw and roll of every joint one after the other, shape (…, 2 · joints), as `articulation` of the first."""
     angles = q.reshape(*q.shape[:-1], -1, 8)[..., (GAMMA, ALPHA)]
-    return np.diff(angles, axis=-2).reshape(*q.shape[:-1], -1)
+    return (angles[..., 1:, :] - angles[..., :-1, :]).reshape(*q.shape[:-1], -1)
 
 
 def constraint(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.float64]:

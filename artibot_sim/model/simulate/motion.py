@@ -17,7 +17,7 @@ def linear_velocity(q: Array, v: Array, module: int = 0) -> Array:
     b = BACK * module
     forward, left, up = c_g * v[..., b] + s_g * v[..., b + 1], c_g * v[..., b + 1] - s_g * v[..., b], v[..., b + Z]
     ahead, over = c_b * forward - s_b * up, s_b * forward + c_b * up
-    return np.stack([ahead, c_a * left + s_a * over, c_a * over - s_a * left], axis=-1)
+    return _in_columns(ahead, c_a * left + s_a * over, c_a * over - s_a * left)
 
 
 def angular_velocity(q: Array, v: Array, module: int = 0) -> Array:
@@ -25,7 +25,12 @@ def angular_velocity(q: Array, v: Array, module: int = 0) -> Array:
     s_a, c_a, s_b, c_b, _, _ = _turns(q, module)
     b = BACK * module
     roll, pitch, yaw = v[..., b + ALPHA], v[..., b + BETA], v[..., b + GAMMA]
-    return np.stack([roll - s_b * yaw, c_a * pitch + s_a * c_b * yaw, c_a * c_b * yaw - s_a * pitch], axis=-1)
+    return _in_columns(roll - s_b * yaw, c_a * pitch + s_a * c_b * yaw, c_a * c_b * yaw - s_a * pitch)
+
+
+def _in_columns(*parts: Array) -> Array:
+    """Components (…) as (…, n); a node asks for those of one state a hundred times a second."""
+    return np.stack(parts, axis=-1) if parts[0].ndim else np.array(parts)
 
 
 def axes_of(q: Array, module: int = 0) -> Array:

@@ -34,7 +34,7 @@ from artibot_sim.nodes.driver.loop import DriverLoop
 from artibot_sim.nodes.driver.services import AutoEnable, Services, obstacles
 from artibot_sim.sharing import is_file
 
-SERVE_EVERY = 0.02
+SERVE_EVERY = 0.05
 """How often services and parameters are served, s."""
 
 IDLE = 0.05
