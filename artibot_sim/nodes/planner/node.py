@@ -18,6 +18,7 @@ import numpy as np
 from builtin_interfaces.msg import Duration, Time
 from geometry_msgs.msg import Point, Pose, PoseStamped, Quaternion
 from nav_msgs.msg import Odometry, Path
+from numpy.typing import NDArray
 from rclpy.node import Node, NodeNameNonExistentError
 from rclpy.parameter import Parameter
 from std_msgs.msg import Header
@@ -140,6 +141,9 @@ IDLE = 0.1
 SAY_EVERY = 5.0
 """How far the drive is, is said so often, s; and who waits for longer says for what."""
 
+GRID = 1e-3
+"""s between the planned motions that are worked out before the start: one by one each takes as long as a hundred."""
+
 CLOCK_LOST = 2.0
 """Without a publisher of /clock for this long (s, steady time) the planner gives up."""
 
@@ -171,6 +175,7 @@ class PlannerNode(Node):
             start=(get("start.x"), get("start.y"), get("start.yaw")),
             wheel_speed_limit=get("wheel_speed_limit") or None,
         )
+        self._grid = _grid(self.plan)
         self.start_ns: int | None = None
         self.finished = False
         self._say_how_far = Seldom(SAY_EVERY)
@@ -279,13 +284,22 @@ class PlannerNode(Node):
         if t > self.plan.duration + self.settings["tail"]:
             self.finished = True
             return
-        sample, numbers = self.plan.at(t), self._numbers
-        x, y, yaw = sample.pose[0].tolist()
+        numbers = self._numbers
+        x, y, yaw, numbers[43], numbers[48] = self._planned(t)
         numbers[:2], numbers[5:7] = (x, y), (math.sin(yaw / 2), math.cos(yaw / 2))
-        numbers[43], numbers[48] = sample.twist[0]
         self._odom.publish(now)
         if t > 0 and self._say_how_far.due():
             self.get_logger().info(f"{t:.0f} of {self.plan.duration:.0f} s")
+
+    def _planned(self, t: float) -> list[float]:
+        """Planned x, y and yaw (m, rad), speed and yaw rate (m/s, rad/s) at `t` seconds after the start."""
+        at = t / GRID
+        if not 0.0 <= at < len(self._grid) - 1:
+            sample = self.plan.at(t)
+            return [*sample.pose[0].tolist(), *sample.twist[0].tolist()]
+        row = int(at)
+        begin, end = self._grid[row : row + 2].tolist()
+        return [a + (at - row) * (b - a) for a, b in zip(begin, end, strict=True)]
 
     def _follow(self, executor: Any) -> int:
         """Spin until the end of the profile and its tail."""
@@ -305,6 +319,12 @@ class PlannerNode(Node):
             return 1
         self.get_logger().info(f"{self.plan.manoeuvre.name} is over")
         return 0
+
+
+def _grid(plan: Plan) -> NDArray[np.float64]:
+    """Planned x, y, yaw, speed and yaw rate each `GRID` seconds, shape (n, 5)."""
+    sample = plan.at(np.arange(0.0, plan.duration, GRID))
+    return np.column_stack([sample.pose, sample.twist])
 
 
 def followers(node: Node, topic: str) -> int:

@@ -19,7 +19,7 @@ from artibot_sim.experiment.writer import BagWriter
 from artibot_sim.nodes.common.message_types import describe, import_message, qos_dict
 from artibot_sim.nodes.common.qos import subscription
 
-POLL_PERIOD = 0.005
+POLL_PERIOD = 0.02
 """s between visits to the subscriptions; messages carry the middleware's time of reception meanwhile."""
 DISCOVERY_PERIOD = 0.2
 DEPTH = 2000
@@ -84,7 +84,7 @@ class Recorder:
 
     Notes
     -----
-    Subscriptions are visited every few ms and emptied, without an executor: rebuilding a wait set for each
+    Subscriptions are visited every 20 ms and emptied, without an executor: rebuilding a wait set for each
     message costs more than taking it. Nothing is deserialised. Writing happens on a thread, so a slow disk
     delays no reception.
     """
