@@ -6,7 +6,6 @@ import time
 
 from rclpy.node import Node
 
-from artibot_driver.priority import take_priority
 from artibot_driver.rig import load_rig
 from artibot_sim.model import Robot
 from artibot_sim.nodes.drives.loop import drive_config, drive_states, open_drive_loop
@@ -33,7 +32,6 @@ class DrivenActuation:
         self._shafts.warm_up()
         rig = load_rig(drive_config(get("robot"), get("driver_params"), get("bus.interface"), get("bus.channel")))
         self._loop = open_drive_loop(rig, self._shafts)
-        self._priority = get("realtime_priority")
         self._slices = timing.period_ns // self._shafts.slice_ns
         self._log, self._said, self.t_ns = node.get_logger(), "", 0
 
@@ -47,11 +45,8 @@ class DrivenActuation:
 
     def stop_time(self, stopped: bool) -> None:
         """Switch the drives on: once, for their time never stands."""
-        if stopped:
-            return
-        if reason := take_priority(self._priority):
-            self._log.info(f"no real-time priority ({reason}): a busy machine may delay the drives")
-        self._loop.switch_on()
+        if not stopped:
+            self._loop.switch_on()
 
     def wait(self, seconds: float) -> None:
         """Serve the bus and turn the motors until the publication is due."""

@@ -9,11 +9,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model import Commands, Ground, Mode, Robot, Rollout, State, Status, initial_state, rollout
+from artibot_sim.model import Commands, Ground, Mode, Robot, Rollout, State, Status, initial_state
+from artibot_sim.model.effects import has_memory
 from artibot_sim.model.robot.derived import front_params
 from artibot_sim.model.simulate.commands import CommandChain, travelled
 from artibot_sim.model.simulate.motion import angular_velocity, joint_motion, linear_velocity
-from artibot_sim.model.simulate.rollout import default_modes, motor_coordinates, side_gears
+from artibot_sim.model.simulate.rollout import (
+    RolloutSetup,
+    default_modes,
+    motor_coordinates,
+    prepare,
+    side_gears,
+    simulate,
+)
 from artibot_sim.nodes.common.arbiter import CommandSource, PeriodCommands
 from artibot_sim.nodes.common.rotations import rotation
 
@@ -161,6 +169,7 @@ class Engine:
         self.state: State = self._initial
         self._v_last = self.state.v
         self._chain: CommandChain | None = None
+        self._setup: RolloutSetup | None = None
 
     def warm_up(self) -> None:
         """Compile or load the kernel, so that the first period is like all others."""
@@ -187,23 +196,25 @@ class Engine:
         Diverged
             When the period cannot be computed; the state is left as it was.
         """
-        result = rollout(
-            self.robot,
-            self._commands(decision),
-            dt=self.timing.dt_ns * 1e-9,
-            integrator=self.integrator,
-            every=self.timing.period_ns // self.timing.dt_ns,
-            modes=self.modes,
-            kappa=kappa,
-            state=self.state,
-            duration=self.timing.period_ns * 1e-9,
-            ground=self.ground,
-        )
+        dt, every = self.timing.dt_ns * 1e-9, self.timing.period_ns // self.timing.dt_ns
+        setup = self._prepared(self._commands(decision), kappa)
+        result = simulate(setup, dt, self.integrator, every, energy=False)
         if result.status is not Status.OK:
             raise Diverged(result.message)
         sample = self._sample(result, decision)
         self._v_last, self.state = self.state.v, result.final_state
         return sample
+
+    def _prepared(self, commands: Commands, kappa: float) -> RolloutSetup:
+        """A period as `rollout` prepares it: once for all, but where the step's limit depends on the commands."""
+        setup, duration = self._setup, self.timing.period_ns * 1e-9
+        if setup is None or setup.kappa != kappa or has_memory(self.robot.effects):
+            every = self.timing.period_ns // self.timing.dt_ns
+            setup = self._setup = prepare(
+                self.robot, commands, self.timing.dt_ns * 1e-9, self.integrator, every, self.modes, kappa, self.state,
+                duration, self.ground,
+            )  # fmt: skip
+        return setup._replace(commands=commands, start=self.state)
 
     def _commands(self, decision: PeriodCommands) -> Commands:
         n = len(decision.velocity)

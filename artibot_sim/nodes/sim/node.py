@@ -29,6 +29,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
+from artibot_driver.priority import take_priority
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.odometry import Odometry, Slip, metres_per_radian
 from artibot_sim.model import load_robot
@@ -211,6 +212,8 @@ class SimNode(Node):
         gc.freeze()  # what lives now lives to the end: collections stay short
         self.actuation.t_ns = self.timing.period_ns if self.out.what.clock else 0
         self.paused = self.settings["start_paused"]
+        if 0 < self.settings["rate"] <= 1 and (reason := take_priority(self.settings["realtime_priority"])):
+            self.get_logger().info(f"no real-time priority ({reason}): a busy machine may delay what is published")
         self._time_stands(self.paused)
         self.get_logger().info(f"{self.robot.name} is ready {self.actuation.describe()}")
         last = round(self.settings["duration"] * 1e9 / self.timing.period_ns)

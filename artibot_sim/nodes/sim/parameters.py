@@ -67,9 +67,9 @@ OTHERS = (
     Spec("bus.interface", "", "With with_driver: python-can's name of the CAN interface; empty: by the channel, "
          "or as in driver_params."),
     Spec("bus.channel", "", "With with_driver: channel of the interface; empty: as in driver_params."),
-    Spec("realtime_priority", 50, "With with_driver: priority of the loop among the machine's real-time threads "
-         "(SCHED_FIFO), so that drives answer in time; 0, and where the system does not allow it: that of any other "
-         "process.", low=0, high=99),
+    Spec("realtime_priority", 50, "Priority of the loop among the machine's real-time threads (SCHED_FIFO), so that a "
+         "busy machine does not delay it; at a rate up to 1. 0, and where the system does not allow it: that of any "
+         "other process.", low=0, high=99),
     *ODOMETRY,
     Spec("map_frame", "map", "Frame of the ground truth, common to all rovers."),
     Spec("reliable", "auto", "Keep a long queue for slow reliable subscribers, for recording without loss; auto: when "
