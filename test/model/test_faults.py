@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.model import Status, load_robot
+from artibot_sim.model import Status, load_robot, rollout
 from artibot_sim.model.kernels.layout import ALPHA, BACK, BETA, LOAD, PUSH, ROW, Z
 from artibot_sim.model.robot.derived import params
 from artibot_sim.model.simulate.rollout import FASTEST, HARDEST, TIPPED_AT, first_fault
+from artibot_sim.planning import load_manoeuvre, plan
 
 ROBOTS = {
     name: replace(load_robot(name), effects={"external_force": {"force": 1.0, "heading": 0.0}})
@@ -91,3 +92,11 @@ def test_a_centre_of_mass_beyond_the_wheels_is_named_at_rest() -> None:
     robot = replace(ROBOTS["agriq"], effects={"com_offset": {"x": 1.0, "y": 0.0}})
     found = first_fault(params(robot), robot, np.zeros((1, 16)), np.zeros((1, 16)), np.zeros((1, ROW)), np.zeros(1))
     assert found is not None and found[1] is Status.INVALID
+
+
+def test_a_motor_that_spins_up_without_a_limit_is_named(agriq) -> None:
+    """At a kappa of 0.01 eq. 30 gives the back motors far more than their wheels hold: no step is too long there."""
+    commands = plan(load_manoeuvre("table6_agriq"), agriq).commands()
+    result = rollout(agriq, commands, kappa=0.01, integrator="semi_implicit")
+    assert result.status == Status.DIVERGED
+    assert "the motor back_" in result.message and "eq. 30's share at a kappa of 0.01" in result.message

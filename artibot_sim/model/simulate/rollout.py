@@ -34,6 +34,7 @@ from artibot_sim.model.kernels.layout import (
     MOTOR_COORDINATES,
     PUSH,
     ROW,
+    SAT,
     THETA_R,
     Grid,
     KernelInputs,
@@ -700,6 +701,28 @@ def stopped(found: Array, ground: str) -> str | None:
     return f"a wheel at x {x:.2f} m, y {y:.2f} m {met}; no wheel rolls there"
 
 
+SPUN_UP = 5e5
+"""Speed of a motor (rad/s), half of `loop.LIMIT`: one that is there when a rollout ends has sped up until then."""
+
+
+def _spun_up(setup: RolloutSetup, v: Array, w: Array) -> str | None:
+    """Which motor has spun up by the last row of a rollout that ended, as its wheels slide; None if that is not why."""
+    if setup.robot.trailing:
+        return None
+    motor = max(range(4), key=lambda i: abs(v[MOTOR_COORDINATES[i]]))
+    speed, wheel = abs(v[MOTOR_COORDINATES[motor]]), 2 * motor
+    others = np.delete(v, MOTOR_COORDINATES)
+    if speed < SPUN_UP or np.abs(others).max() > FASTEST or not w[SAT + wheel : SAT + wheel + 2].all():
+        return None
+    by = ""
+    if setup.modes[motor] == Mode.TORQUE and np.isnan(setup.commands.torque[:, motor]).all():
+        by = f", eq. 30's share at a kappa of {setup.kappa:g},"
+    return (
+        f"the motor {MOTORS[motor]} had spun up to {speed:.2g} rad/s, for its wheels slide and {w[M_M + motor]:.3g} N m"
+        f"{by} turn it without a limit; take another kappa, or less torque"
+    )
+
+
 def finished(
     setup: RolloutSetup, dt: float, integrator: str, every: int, kept: int,
     tables: tuple[Array, Array, Array, Array | None], final: State | None, surface: Surface | None = None,
@@ -725,6 +748,8 @@ def finished(
         message = f"diverged at {at:.3f} s: a force on the rover is beyond all numbers; take effects of another size"
     elif not kept:
         message = "diverged before its first step: the state it starts from has a speed or angle that no rover has"
+    elif (spun := _spun_up(setup, tables[1][kept - 1], tables[2][kept - 1])) is not None:
+        message = f"diverged between {t[-1]:.3f} and {t[-1] + every * dt:.3f} s: {spun}"
     else:
         message = (
             f"diverged between {t[-1]:.3f} and {t[-1] + every * dt:.3f} s, at speeds up to "
