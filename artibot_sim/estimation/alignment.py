@@ -18,7 +18,7 @@ from artibot_sim.estimation.streams import segments_of
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.model import Robot
 
-SHIFTED = ("rotation_delay", "gyro_delay", "pose_delay")
+SHIFTED = ("rotation_delay", "gyro_delay", "pose_delay", "articulation_delay")
 """Findings that say by how much stamps are off"""
 SCALED = "clock_skew"
 """and the one that says how that drifts."""

@@ -56,7 +56,7 @@ class StreamProperties:
 
     Attributes
     ----------
-    rotation_delay, gyro_delay : by which rotations and yaw rates are stamped late, s.
+    rotation_delay, gyro_delay, articulation_delay : by which rotations, yaw rates and joint angles are stamped late, s.
     timing : standard deviation of stamps, s: so much sooner or later the pose may be that of its stamp.
     longest_hold : s that equal samples in a row are taken for one that a logger held; then the wheels stand.
     longest_gap : s without rotations after which the robot's motion between is not known.
@@ -68,6 +68,7 @@ class StreamProperties:
 
     rotation_delay: float = 0.0
     gyro_delay: float = 0.0
+    articulation_delay: float = 0.0
     timing: float = 0.01
     longest_hold: float = 0.3
     longest_gap: float = 0.5
@@ -329,7 +330,8 @@ class ModelOdometry:
         """Take a measured articulation (rad): a model that has left it behind is put there."""
         if not self.robot.articulated or not math.isfinite(angle):
             return
-        q = self._model.q
+        q, v = self._model.q, self._model.v
+        angle += self._streams.articulation_delay * (v[13] - v[5])  # where it is by now
         if abs(math.remainder(q[13] - q[5] - angle, math.tau)) > 0.1:
             self._rotations.remark("articulation taken from its sensor")
             self._restart(angle, self._speeds)

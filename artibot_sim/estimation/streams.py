@@ -6,7 +6,7 @@ they are compared over spans of about a second, with all scales free.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -119,6 +119,15 @@ class RunningSums:
         """Values (…, k) at times (…)."""
         return np.stack([np.interp(t, self.t, column) for column in self.values.T], axis=-1)
 
+    def earlier(self, by: float) -> RunningSums:
+        """These sums with stamps that are `by` s earlier."""
+        return RunningSums(self.t - by, self.values)
+
+    def beside(self, other: RunningSums) -> RunningSums:
+        """These sums with the columns of another one behind them, while both are known."""
+        t = self.t[(self.t >= other.t[0]) & (self.t <= other.t[-1])]
+        return RunningSums(t, np.hstack([self.at(t), other.at(t)]))
+
     def lagged(self, lag: float) -> RunningSums:
         """These sums behind a first-order low-pass with time constant `lag`, s."""
         if lag <= 0.0:
@@ -166,10 +175,23 @@ class StreamSegment:
         """Sums of the wheels' speeds as they were commanded; None without commands."""
         return self._motors("motor_command")
 
-    def _motors(self, key: str) -> RunningSums | None:
+    @cached_property
+    def back_wheels(self) -> RunningSums | None:
+        """Angles of the back module's motors, as `wheels`; None where they were not recorded."""
+        return self._motors("motor_torques", MOTORS[2:4])
+
+    @cached_property
+    def articulation(self) -> RunningSums | None:
+        """Measured angle of the first joint, rad, continuous."""
+        t, angle = new_values(
+            self.experiment.channels.get("joint_states"), ["articulation_yaw.position"], self.first, self.last
+        )
+        return RunningSums(t, np.unwrap(angle, axis=0)) if len(t) > 3 else None
+
+    def _motors(self, key: str, motors: Sequence[str] = MOTORS[:2]) -> RunningSums | None:
         channel = self.experiment.channels.get(key)
         for quantity in ("position", "velocity"):
-            t, values = new_values(channel, [f"{motor}.{quantity}" for motor in MOTORS[:2]], self.first, self.last)
+            t, values = new_values(channel, [f"{motor}.{quantity}" for motor in motors], self.first, self.last)
             if len(t) > 3:
                 return RunningSums(t, values - values[0] if quantity == "position" else _integral(t, values))
         return None
@@ -289,6 +311,37 @@ def advancing(segments: Sequence[StreamSegment], by: str = "wheels") -> Iterator
             turned = x.at(place.t[rows]) - x.at(place.t[before])
             sign = np.sign(turned.sum(axis=1))
             yield ComparisonRows(place.t[rows], place.t[before], sign * np.hypot(*step.T), x)
+
+
+def bending(segments: Sequence[StreamSegment], late: Mapping[str, float]) -> Iterator[ComparisonRows]:
+    """Rows of a joint's angle: by how both modules turn.
+
+    The front one turns as gyroscope or heading say, else as its wheels do, the back one as its wheels do.
+
+    Parameters
+    ----------
+    segments : sequence of StreamSegment
+    late : mapping of str to float
+        `rotation_delay`, `gyro_delay`, `pose_delay`: s by which these streams are stamped late.
+    """
+    span, most = reach(segments)
+    for segment in segments:
+        y, back = segment.articulation, segment.back_wheels
+        if y is None or back is None:
+            continue
+        x = back.earlier(late.get("rotation_delay", 0.0))
+        if segment.gyro is not None and "yaw_rate" in segment.gyro_axes:
+            gyro = RunningSums(segment.gyro.t, segment.gyro.values[:, -1:])
+            x = x.beside(gyro.earlier(late.get("gyro_delay", 0.0)))
+        elif segment.heading is not None:
+            x = x.beside(segment.heading.earlier(late.get("pose_delay", 0.0)))
+        elif segment.wheels is not None:
+            x = x.beside(segment.wheels.earlier(late.get("rotation_delay", 0.0)))
+        if len(x.t) < 2:
+            continue
+        rows, before = spans(y.t, span, x.t[0] + most, x.t[-1] - most)
+        if len(rows):
+            yield ComparisonRows(y.t[rows], y.t[before], y.values[rows, 0] - y.values[before, 0], x)
 
 
 # ----------------------------------------------------------------------

@@ -50,7 +50,7 @@ class Logger:
 
     polled: float = 20.0
     rates: Mapping[str, float] = field(
-        default_factory=lambda: {"motor_torques": 30.0, "ground_truth_odom": 18.0, "imu": 50.0}
+        default_factory=lambda: {"motor_torques": 30.0, "ground_truth_odom": 18.0, "imu": 50.0, "joint_states": 40.0}
     )
     delays: Mapping[str, float] = field(default_factory=dict)
     skew: Mapping[str, float] = field(default_factory=dict)
@@ -63,13 +63,19 @@ class Logger:
 
 @dataclass(frozen=True)
 class Drive:
-    """What a robot did, 100 times a second: wheel speeds (n, 2), commands (n, 2), pose (n, 3), yaw rate (n,)."""
+    """What a robot did, 100 times a second.
+
+    Wheel speeds (n, 2), commands (n, 2), pose (n, 3), yaw rate (n,); of an articulated one speeds of the back motors
+    (n, 2) and its angle (n,).
+    """
 
     t: np.ndarray
     speed: np.ndarray
     command: np.ndarray
     pose: np.ndarray
     rate: np.ndarray
+    back: np.ndarray | None = None
+    bend: np.ndarray | None = None
 
 
 def drive(robot: Robot, rng: np.random.Generator, duration: float = 90.0, ground: Sequence[Robot] = ()) -> Drive:
@@ -91,22 +97,25 @@ def drive(robot: Robot, rng: np.random.Generator, duration: float = 90.0, ground
     for i, wanted in enumerate(asked):
         now = now + np.clip(0.01 / 0.15 * (wanted - now), -0.02 * fast / rim, 0.02 * fast / rim)
         speed[i] = now
-    columns = 4 if robot.articulated else 2
-    back = speed * (robot.drive.front.tau / robot.drive.back.tau if robot.drive.back else 1.0)
-    table = np.column_stack([speed, back] if columns == 4 else [speed, np.full_like(speed, np.nan)])
+    table = np.column_stack([speed, np.full_like(speed, np.nan)])  # back motors are under eq. 30's torque
     t = np.arange(count) * 0.01
     at = _moved(ground or [robot], table, t)
-    return Drive(t, speed, asked, np.column_stack(at[:3]), at[3])
+    joint = (np.column_stack(at[5:]), at[4]) if robot.articulated else ()
+    return Drive(t, speed, asked, np.column_stack(at[:3]), at[3], *joint)
 
 
 def _moved(ground: Sequence[Robot], table: np.ndarray, t: np.ndarray) -> list[np.ndarray]:
-    """x, y, yaw and yaw rate at `t` of a robot that goes on from one soil to the next."""
+    """What a robot did at `t` that goes on from one soil to the next, column by column.
+
+    x, y, yaw and yaw rate; of an articulated one its angle and the speeds of its back motors.
+    """
     borders = np.round(np.linspace(0, len(table) - 1, len(ground) + 1)).astype(int)
     state, rows = None, []
     for robot, a, b in zip(ground, borders[:-1], borders[1:], strict=True):
         run = rollout(robot, Commands(0.01, table[a : b + 1]), state=state)
         state = run.final_state
-        rows.append(np.column_stack([t[a] + (run.t - run.t[0]), run.pose, run.twist[:, 2]])[bool(rows) :])
+        joint = [run.articulation_yaw, run.motor_velocity[:, 2:]] if robot.articulated else []
+        rows.append(np.column_stack([t[a] + (run.t - run.t[0]), run.pose, run.twist[:, 2], *joint])[bool(rows) :])
     every = np.vstack(rows)
     return [np.interp(t, every[:, 0], column) for column in every.T[1:]]
 
@@ -144,6 +153,10 @@ def recorded(of: Drive, logger: Logger, rng: np.random.Generator, heading: bool 
         | ({"yaw": (pose[:, 2], 0.005)} if heading else {}),
         "imu": {name: (values, 0.01) for name, values in axes.items()},
     }
+    if of.back is not None and of.bend is not None:
+        sides = {f"back_{side}.velocity": (of.back[:, i], ripple) for i, side in enumerate(("right", "left"))}
+        truth["motor_torques"] |= sides
+        truth["joint_states"] = {"articulation_yaw.position": (of.bend, 0.002)}
     channels = {}
     for key, columns in truth.items():
         stamps, values = _messages(of.t, columns, logger, key, noise, rng)
@@ -177,19 +190,23 @@ def _messages(t, columns, logger, key, noise, rng):
     return stamps, {name: c[newest] for name, c in values.items()}
 
 
-def robot_of(rng: np.random.Generator) -> Robot:
+ROBOTS = ("husky_driven", "warthog", "husky", "agriq")
+
+
+def robot_of(rng: np.random.Generator, of: Sequence[str] = ROBOTS) -> Robot:
     """A rigid or an articulated robot on random soil."""
-    return random_soil(load_robot(str(rng.choice(["husky_driven", "warthog", "husky", "agriq"]))), rng, 0.08)
+    return random_soil(load_robot(str(rng.choice(of))), rng, 0.08)
 
 
 FLAWS = {
     "none": Logger(),
     "rotation_delay": Logger(delays={"motor_torques": 0.2}),
     "gyro_delay": Logger(delays={"imu": 0.15}),
+    "articulation_delay": Logger(delays={"joint_states": 0.2}),
     "pose_delay": Logger(delays={"ground_truth_odom": 0.25}),
     "pose_early": Logger(delays={"ground_truth_odom": -0.15}),
     "clock_skew": Logger(skew={"ground_truth_odom": 2e-3}, polled=0.0),
-    "held_samples": Logger(rates={"motor_torques": 5.0, "ground_truth_odom": 18.0, "imu": 50.0}),
+    "held_samples": Logger(rates={"motor_torques": 5.0, "ground_truth_odom": 18.0, "imu": 50.0, "joint_states": 40.0}),
     **{name: Logger(flaws=frozenset({name}))
        for name in ("gyro_flip", "gyro_axis", "pose_flip", "side_swap", "reversed_wheel", "pose_leap", "set_points",
                     "in_air")},
@@ -207,7 +224,7 @@ BESIDE = {"none": {"held_samples"}, "clock_skew": {"pose_delay"}, "set_points": 
 def trial(name: str, seed: int, clean: Logger | None = None) -> tuple[Robot, Experiment, list[Finding]]:
     """One recording with a flaw, and what is found in it."""
     rng = np.random.default_rng([seed, *name.encode()])
-    robot = robot_of(rng)
+    robot = robot_of(rng, ("agriq", "epiq") if name == "articulation_delay" else ROBOTS)
     logger = FLAWS[name]
     if name == "none":
         logger = clean or Logger(polled=float(rng.choice([0.0, 20.0])), lost=float(rng.uniform(0.0, 0.05)))

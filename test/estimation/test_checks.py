@@ -92,7 +92,13 @@ def test_repeated_samples_are_said(good: Experiment, agriq: Robot) -> None:
 
 @pytest.mark.parametrize(
     ("key", "by", "name"),
-    [("imu", 0.15, "gyro_delay"), ("imu", -0.15, "gyro_delay"), ("total_station", 0.2, "pose_delay")],
+    [
+        ("imu", 0.15, "gyro_delay"),
+        ("imu", -0.15, "gyro_delay"),
+        ("total_station", 0.2, "pose_delay"),
+        ("joint_states", 0.15, "articulation_delay"),
+        ("joint_states", -0.15, "articulation_delay"),
+    ],
 )
 def test_a_clock_that_is_off_is_said_with_its_offset(
     good: Experiment, agriq: Robot, key: str, by: float, name: str

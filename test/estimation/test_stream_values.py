@@ -14,7 +14,10 @@ from artibot_sim.estimation.model_odometry import ModelOdometry
 from artibot_sim.model.robot.file import robot_from_dict, robot_to_dict
 
 
-@pytest.mark.parametrize(("flaw", "stream"), [("gyro_delay", "imu"), ("rotation_delay", "motor_torques")])
+@pytest.mark.parametrize(
+    ("flaw", "stream"),
+    [("gyro_delay", "imu"), ("rotation_delay", "motor_torques"), ("articulation_delay", "joint_states")],
+)
 def test_the_late_stream_has_its_delay_and_the_others_have_none(flaw: str, stream: str) -> None:
     robot, experiment, found = trial(flaw, 11)
     (truth,) = (one.value for one in found if one.name == flaw)

@@ -18,6 +18,7 @@ from artibot_sim.estimation.streams import (
     StreamSegment,
     advancing,
     agreement_beside_chance,
+    bending,
     delay_of,
     holding,
     reach,
@@ -63,9 +64,9 @@ class Finding:
     Attributes
     ----------
     name : str
-        `pose_delay`, `rotation_delay`, `gyro_delay`, `clock_skew`, `held_samples`, `gyro_flip`, `gyro_axis`,
-        `gyro_scale`, `gyro_bias`, `pose_flip`, `side_swap`, `reversed_wheel`, `wheel_units`, `set_points`, `pose_leap`
-        or `in_air`.
+        `pose_delay`, `rotation_delay`, `gyro_delay`, `articulation_delay`, `clock_skew`, `held_samples`, `gyro_flip`,
+        `gyro_axis`, `gyro_scale`, `gyro_bias`, `pose_flip`, `side_swap`, `reversed_wheel`, `wheel_units`, `set_points`,
+        `pose_leap` or `in_air`.
     topic : str
     value : float or None
         Its size, in `unit`.
@@ -191,7 +192,7 @@ def findings(
     if not any(one.name == "in_air" for one in found):
         found += [*_signs(of), *_units(of, robot), *_unrelated(of)]
     found += [*_gyro(of), *(_or_smoothed(of, one) for one in _delays(of)), *_skews(of)]
-    found += [*_leaps(of, robot), *_set_points(of)]
+    found += [*_late_articulation(of, found), *_leaps(of, robot), *_set_points(of)]
     return sorted(found, key=lambda one: not one.serious)
 
 
@@ -209,6 +210,7 @@ COLUMNS = {
     "ground_truth_odom": ("x", "y", "yaw"),
     "total_station": ("x", "y"),
     "imu": ("yaw_rate",),
+    "joint_states": ("articulation_yaw.position",),
 }
 
 
@@ -599,6 +601,32 @@ def _by_wheels(
     yield from _late("gyro_delay", gyro_topic, gyro, wheels_topic, TOGETHER if gyro.value > 0 else LATE_REPORTED)
 
 
+def articulation_after_modules(of: StreamComparisons, found: Sequence[Finding]) -> Delay | None:
+    """By how much the articulation is later than the modules' turning, whose own delays in `found` are taken off."""
+    late = {one.name: one.value for one in found if one.name in DELAYS.values() and one.value is not None}
+    _, most = reach(of.segments)
+    pieces = list(bending(of.segments, late)) if most > 0.1 else []
+    return agreeing(delay_of(pieces, most, np.random.default_rng(of.seed), lags=LAGS))
+
+
+def _late_articulation(of: StreamComparisons, found: Sequence[Finding]) -> Iterator[Finding]:
+    delay = articulation_after_modules(of, found)
+    if delay is not None:
+        front = _front_turns_by(of)
+        least = TOGETHER if front == "motor_torques" else LATE_REPORTED
+        topics = dict.fromkeys(of.experiment.channels[key].topic for key in (front, "motor_torques"))
+        topic = of.experiment.channels["joint_states"].topic
+        yield from _late("articulation_delay", topic, delay, " and ".join(topics), least)
+
+
+def _front_turns_by(of: StreamComparisons) -> str:
+    """The stream that says how the front module turns: see `streams.bending`."""
+    first = of.segments[0]
+    if first.gyro is not None and "yaw_rate" in first.gyro_axes:
+        return "imu"
+    return "ground_truth_odom" if first.heading is not None else "motor_torques"
+
+
 def surest(*delays: Delay | None) -> Delay | None:
     """The delay with the shortest interval; None if there is none."""
     there = [d for d in delays if d is not None]
@@ -629,10 +657,13 @@ def _negative(delay: Delay) -> Delay:
 
 DELAYS = {
     "motor_torques": "rotation_delay", "imu": "gyro_delay", "ground_truth_odom": "pose_delay",
-    "total_station": "pose_delay",
+    "total_station": "pose_delay", "joint_states": "articulation_delay",
 }  # fmt: skip
 """Stream → the finding that its stamps are late or early."""
-_WORDS = {"pose_delay": "poses are", "rotation_delay": "rotations are", "gyro_delay": "the gyroscope's rates are"}
+_WORDS = {
+    "pose_delay": "poses are", "rotation_delay": "rotations are", "gyro_delay": "the gyroscope's rates are",
+    "articulation_delay": "the articulation's angles are",
+}  # fmt: skip
 
 
 def _late(name: str, topic: str, delay: Delay, against: str, least: float) -> Iterator[Finding]:

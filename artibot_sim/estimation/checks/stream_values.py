@@ -12,6 +12,7 @@ from artibot_sim.estimation.checks.findings import (
     Finding,
     StreamComparisons,
     agreeing,
+    articulation_after_modules,
     body_after_wheels,
 )
 from artibot_sim.estimation.streams import Delay, holding
@@ -75,6 +76,10 @@ def _delay(of: StreamComparisons, key: str, mine: Mapping[str, Finding], found: 
     if late is not None:
         return {"delay": _said(late)}
     names, channels = {one.name for one in found}, of.experiment.channels
+    if key == "joint_states":
+        bent = articulation_after_modules(of, found)
+        topic = channels["motor_torques"].topic
+        return {} if bent is None else {"delay": {**_value(bent.value, "s", bent.interval), "against": topic}}
     topics = {key: channels[key].topic for key in ("imu", "motor_torques") if key in channels}
     topics["pose"] = of.pose_topic
     pose, gyro, wheels = body_after_wheels(of)

@@ -210,6 +210,7 @@ class Sensors:
     rotation_delay: float = quantity("s", -1.0, 1.0, "by which rotations of the motors are stamped late", 0.0)
     gyro_delay: float = quantity("s", -1.0, 1.0, "by which yaw rates are stamped late", 0.0)
     pose_delay: float = quantity("s", -1.0, 1.0, "by which poses are stamped late", 0.0)
+    articulation_delay: float = quantity("s", -1.0, 1.0, "by which angles of the articulation are stamped late", 0.0)
     clock_skew: float = quantity("ppm", -1e5, 1e5, "by which the clock of the poses is fast", 0.0)
     gyro_flip: float = quantity("-", 0.0, 1.0, "1 where yaw rates have the wrong sign", 0.0)
     gyro_bias: float = quantity("rad/s", -1.0, 1.0, "by which yaw rates are too large, as recorded", 0.0)

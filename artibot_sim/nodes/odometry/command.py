@@ -114,7 +114,10 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
         name: getattr(robot.sensors, name) if given[name] is None else given[name]
         for name in ("rotation_delay", "gyro_delay", "pose_delay")
     }
-    streams = StreamProperties(rotation_delay=delays["rotation_delay"], gyro_delay=delays["gyro_delay"])
+    streams = StreamProperties(
+        rotation_delay=delays["rotation_delay"], gyro_delay=delays["gyro_delay"],
+        articulation_delay=robot.sensors.articulation_delay,
+    )  # fmt: skip
     settings = check.OdometrySettings(
         given["window"] or check.LENGTH, streams, delays["pose_delay"], None, given["kappa"]
     )

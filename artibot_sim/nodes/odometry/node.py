@@ -83,7 +83,8 @@ class OdometryNode(Node):
         robot = load_robot(settings["robot"])
         streams = StreamProperties(
             rotation_delay=settings["rotation_delay"] or robot.sensors.rotation_delay,
-            gyro_delay=settings["gyro_delay"] or robot.sensors.gyro_delay, timing=settings["timing"],
+            gyro_delay=settings["gyro_delay"] or robot.sensors.gyro_delay,
+            articulation_delay=robot.sensors.articulation_delay, timing=settings["timing"],
             longest_hold=settings["longest_hold"], longest_gap=settings["longest_gap"], bias=settings["gyro_bias"],
             gyro_noise=settings["gyro_noise"],
         )  # fmt: skip
