@@ -12,7 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.estimation.checks.findings import DELAYS, Finding, compare_streams, findings, leaps_of, pose_channel
+from artibot_sim.estimation.checks.findings import (
+    DELAYS,
+    Finding,
+    compare_streams,
+    findings,
+    imu_tilt,
+    leaps_of,
+    level,
+    pose_channel,
+)
 from artibot_sim.estimation.checks.stream_values import StreamTable, stream_values
 from artibot_sim.estimation.streams import segments_of
 from artibot_sim.experiment import Channel, Experiment
@@ -26,6 +35,8 @@ LEAPS = "pose_leap"
 """The finding that says where poses have no relation to those before."""
 FLIPPED = "gyro_flip"
 """and the one that the gyroscope is upside down, which its own rate shows."""
+TILTED = "imu_tilt"
+"""The finding that an IMU's z axis does not point up."""
 BIAS = "gyro_bias"
 """The finding that yaw rates are too large all the time. No recording is changed for it: the effect of that name may be
 among what is fitted. Odometry, which has no pose to see it by, takes it from the robot file."""
@@ -67,7 +78,7 @@ class Aligned:
 
 
 def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | None = True) -> Aligned:
-    """Shift the stamps of streams that are late or early, as the streams themselves show.
+    """Shift the stamps of streams that are late or early, and level the IMU, as the streams themselves show.
 
     Rotations that are late stay so where the robot has a low-pass in front of its velocities (`velocity_filter`): that
     is what makes them late then.
@@ -83,6 +94,11 @@ def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | N
         for a model in which it may become one: then late poses are shifted where other stamps are, too. Left by
         themselves they would be later than before against rotations that were shifted.
     """
+    imu, tilted = experiment.channels.get("imu"), tuple[Finding, ...]()
+    if imu is not None and (levelled := level(imu)) is not imu:
+        tilted = tuple(imu_tilt(experiment))
+    if tilted:
+        experiment = replace(experiment, channels={**experiment.channels, "imu": levelled})
     streams = compare_streams(experiment, seed)
     found = findings(experiment, robot, streams)
     values = stream_values(streams, found, robot.wheel.r_w * robot.drive.front.tau)
@@ -104,9 +120,10 @@ def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | N
                 channels[key] = _mended(channel, one, 0.5 * experiment.duration)
     rest = tuple(one for one in found if one not in mended)
     if not mended:
-        return Aligned(experiment, mended, rest, values)
+        return Aligned(experiment, tilted, rest, values)
     experiment = replace(experiment, channels=channels)
-    return Aligned(replace(experiment, segments=_cut_at_leaps(experiment, robot)), mended, rest, values)
+    segments = _cut_at_leaps(experiment, robot)
+    return Aligned(replace(experiment, segments=segments), (*tilted, *mended), rest, values)
 
 
 def known_faults(experiment: Experiment, robot: Robot, told: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
@@ -279,6 +296,8 @@ def _mend(was: Finding) -> str:
     size = float(was.value or 0.0)
     if was.name == FLIPPED:
         return "its sign was turned"
+    if was.name == TILTED:
+        return "its axes were turned"
     if was.name == LEAPS:
         return f"the recording was cut there, pieces shorter than {SHORTEST:g} s were left out,"
     if was.name == SCALED:

@@ -12,11 +12,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from artibot_sim.estimation.checks.findings import Finding, findings
+from artibot_sim.estimation.checks.findings import ACCELERATIONS, RATES, Finding, findings
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.identify.synthetic import random_soil
 from artibot_sim.model import Commands, Robot, load_robot, rollout
+from artibot_sim.model.robot.environment import STANDARD_GRAVITY
 
 STREAMS = ("motor_torques", "ground_truth_odom", "imu")
 START = 1_000_000_000
@@ -46,6 +48,8 @@ class Logger:
         `side_swap`, `reversed_wheel`, `gyro_flip`, `gyro_axis`, `pose_flip`, `pose_leap`, `rpm`,
         `set_points`, `in_air`.
     gyro_bias : float
+    mount : (float, float) or None
+        Roll and pitch of the IMU in the robot, rad; None for one without an accelerometer, and level.
     """
 
     polled: float = 20.0
@@ -59,6 +63,7 @@ class Logger:
     lost: float = 0.01
     flaws: frozenset[str] = frozenset()
     gyro_bias: float = 0.0
+    mount: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -89,8 +94,9 @@ def drive(robot: Robot, rng: np.random.Generator, duration: float = 90.0, ground
     count = round(duration / 0.01)
     rim = robot.wheel.r_w * robot.drive.front.tau
     fast = min(1.0, 6.0 * robot.wheel.r_w)
-    both = rng.uniform(-0.5 * fast, fast, count // 400 + 1)
-    apart = rng.uniform(-0.35 * fast, 0.35 * fast, count // 400 + 1)
+    slowest, most = (0.2, 0.2) if robot.articulated else (-0.5, 0.35)  # backwards, or in its tracks, a joint folds
+    both = rng.uniform(slowest * fast, fast, count // 400 + 1)
+    apart = rng.uniform(-most * fast, most * fast, count // 400 + 1)
     asked = np.repeat(np.column_stack([both + apart, both - apart]), 400, axis=0)[:count] / rim
     asked[:100] = 0.0
     speed, now = np.empty_like(asked), np.zeros(2)
@@ -146,12 +152,16 @@ def recorded(of: Drive, logger: Logger, rng: np.random.Generator, heading: bool 
     axes = {"roll_rate": z, "pitch_rate": z, "yaw_rate": rate}
     if "gyro_axis" in logger.flaws:
         axes = {"roll_rate": rate, "pitch_rate": z, "yaw_rate": z}
+    forces = {}
+    if logger.mount is not None:
+        axes, forces = _mounted(of, rate, logger.mount)
     ripple = 0.0 if "set_points" in logger.flaws else 0.02 * float(np.abs(speed).max())
     truth = {
         "motor_torques": {"front_right.velocity": (speed[:, 0], ripple), "front_left.velocity": (speed[:, 1], ripple)},
         "ground_truth_odom": {"x": (pose[:, 0], 0.01), "y": (pose[:, 1], 0.01)}
         | ({"yaw": (pose[:, 2], 0.005)} if heading else {}),
-        "imu": {name: (values, 0.01) for name, values in axes.items()},
+        "imu": {name: (values, 0.01) for name, values in axes.items()}
+        | {name: (values, 0.3) for name, values in forces.items()},
     }
     if of.back is not None and of.bend is not None:
         sides = {f"back_{side}.velocity": (of.back[:, i], ripple) for i, side in enumerate(("right", "left"))}
@@ -167,6 +177,18 @@ def recorded(of: Drive, logger: Logger, rng: np.random.Generator, heading: bool 
     channels["motor_command"] = Channel("/motor_command", ns, of.t[::5], ns, asked)
     end = max(float(channel.t[-1]) for channel in channels.values())
     return Experiment("logged", Path("logged"), {}, START, channels, ((0.0, end),))
+
+
+def _mounted(of: Drive, rate: np.ndarray, mount: tuple[float, float]) -> tuple[dict, dict]:
+    """Rates and specific force, by name, in the axes of an IMU that is turned by roll and pitch."""
+    speed = np.gradient(of.pose[:, :2], of.t, axis=0)
+    ax, ay = np.gradient(speed, of.t, axis=0).T
+    c, s = np.cos(of.pose[:, 2]), np.sin(of.pose[:, 2])
+    force = np.column_stack([c * ax + s * ay, c * ay - s * ax, np.full(len(of.t), STANDARD_GRAVITY)])
+    turned = Rotation.from_euler("xy", mount)
+    rates = turned.apply(np.column_stack([0.0 * rate, 0.0 * rate, rate]), inverse=True)
+    felt = turned.apply(force, inverse=True)
+    return dict(zip(RATES, rates.T, strict=True)), dict(zip(ACCELERATIONS, felt.T, strict=True))
 
 
 def _messages(t, columns, logger, key, noise, rng):
@@ -213,11 +235,15 @@ FLAWS = {
     "unrelated_pose": Logger(flaws=frozenset({"another_time"})),
     "wheel_units": Logger(flaws=frozenset({"rpm"})),
     "gyro_bias": Logger(gyro_bias=0.05),
+    "imu_tilt": Logger(mount=(0.05, -0.15)),
+    "imu_turned": Logger(mount=(0.5 * np.pi, 0.0)),
 }  # fmt: skip
 """Name → logger that makes it, of a plain size."""
-WANTED = {"pose_early": "pose_delay"}
-BESIDE = {"none": {"held_samples"}, "clock_skew": {"pose_delay"}, "set_points": {"rotation_delay", "pose_delay"},
-          "unrelated_pose": {"pose_leap"}}  # fmt: skip
+WANTED = {"pose_early": "pose_delay", "imu_turned": "imu_tilt"}
+BESIDE = {
+    "none": {"held_samples"}, "imu_turned": {"gyro_axis"}, "clock_skew": {"pose_delay"},
+    "set_points": {"rotation_delay", "pose_delay"}, "unrelated_pose": {"pose_leap"},
+}  # fmt: skip
 """What may be found as well: set-points are earlier than what the motors make of them."""
 
 
@@ -227,7 +253,7 @@ def trial(name: str, seed: int, clean: Logger | None = None) -> tuple[Robot, Exp
     robot = robot_of(rng, ("agriq", "epiq") if name == "articulation_delay" else ROBOTS)
     logger = FLAWS[name]
     if name == "none":
-        logger = clean or Logger(polled=float(rng.choice([0.0, 20.0])), lost=float(rng.uniform(0.0, 0.05)))
+        logger = clean or Logger(float(rng.choice([0.0, 20.0])), lost=float(rng.uniform(0.0, 0.05)), mount=(0.0, 0.0))
     elif name not in ("clock_skew", "held_samples"):
         logger = replace(logger, polled=float(rng.choice([0.0, 20.0])))
     experiment = recorded(drive(robot, rng), logger, rng)

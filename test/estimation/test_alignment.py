@@ -93,6 +93,23 @@ def test_a_gyroscope_that_is_upside_down_is_turned() -> None:
     assert any("upside down" in said and "its sign was turned" in said for said in what_was_mended([found]))
 
 
+@pytest.mark.parametrize("mount", [(0.05, -0.15), (0.5 * np.pi, 0.0), (0.0, -1.2)])
+def test_an_imu_is_turned_until_gravity_is_along_z(mount: tuple[float, float]) -> None:
+    """Rates that stood in other axes then are the yaw rate, and nothing is said of them any more."""
+    robot, raw = logged(Logger(mount=mount), 12)
+    found = aligned(raw, robot)
+    assert {one.name for one in found.mended} == {"imu_tilt"}
+    assert not {"imu_tilt", "gyro_axis", "gyro_scale"} & {one.name for one in found.found}
+    _, level = logged(Logger(mount=(0.0, 0.0)), 12)
+    seen, true = (one.channels["imu"]["yaw_rate"] for one in (found.experiment, level))
+    assert np.std(seen - true) < 0.03 < np.std(true)
+
+
+def test_a_level_imu_stays_as_it_is() -> None:
+    robot, raw = logged(Logger(mount=(0.0, 0.0)), 12)
+    assert aligned(raw, robot).experiment.channels["imu"] is raw.channels["imu"]
+
+
 @pytest.mark.parametrize("late", [0.0, 0.25])
 def test_a_recording_is_cut_where_its_pose_leaps(late: float) -> None:
     """No piece holds a leap, also where poses were shifted, and hardly anything is lost."""

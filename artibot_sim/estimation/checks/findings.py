@@ -46,6 +46,10 @@ SCALE_REPORTED = 0.04
 """Gyroscope's scale beside 1, at the least."""
 BIAS_REPORTED = 0.01
 """rad/s, of a gyroscope."""
+TILT_REPORTED = 0.05
+"""rad by which an accelerometer must lean, at the least that its interval allows;"""
+TURNED = 0.5
+"""and those from which another axis than its z points up or down."""
 UNIT_REPORTED = 1.5
 """Factor between rolled and gone."""
 _ALIKE = 0.3
@@ -65,8 +69,8 @@ class Finding:
     ----------
     name : str
         `pose_delay`, `rotation_delay`, `gyro_delay`, `articulation_delay`, `clock_skew`, `held_samples`, `gyro_flip`,
-        `gyro_axis`, `gyro_scale`, `gyro_bias`, `pose_flip`, `side_swap`, `reversed_wheel`, `wheel_units`, `set_points`,
-        `pose_leap` or `in_air`.
+        `gyro_axis`, `gyro_scale`, `gyro_bias`, `imu_tilt`, `pose_flip`, `side_swap`, `reversed_wheel`, `wheel_units`,
+        `set_points`, `pose_leap` or `in_air`.
     topic : str
     value : float or None
         Its size, in `unit`.
@@ -191,7 +195,7 @@ def findings(
     found = [*_held(of), *_air(of, robot)]
     if not any(one.name == "in_air" for one in found):
         found += [*_signs(of), *_units(of, robot), *_unrelated(of)]
-    found += [*_gyro(of), *(_or_smoothed(of, one) for one in _delays(of)), *_skews(of)]
+    found += [*_gyro(of), *imu_tilt(experiment), *(_or_smoothed(of, one) for one in _delays(of)), *_skews(of)]
     found += [*_late_articulation(of, found), *_leaps(of, robot), *_set_points(of)]
     return sorted(found, key=lambda one: not one.serious)
 
@@ -511,6 +515,89 @@ def _other_axis(of: StreamComparisons, topic: str) -> Iterator[Finding]:
             return
 
 
+RATES, ACCELERATIONS = ("roll_rate", "pitch_rate", "yaw_rate"), ("ax", "ay", "az")
+_GRAVITY = (8.5, 11.1)
+"""m/s² between which a mean specific force lies that is gravity's."""
+_STRAIGHT = 0.1
+"""rad/s of an IMU that does not turn."""
+_SPACED = 10.0
+"""s that count as one independent piece of a recording's accelerations."""
+
+
+def upward(imu: Channel) -> tuple[Array, float] | None:
+    """Where up is in an accelerometer's axes, as its mean says: a unit vector (3,), and how well it is known, rad.
+
+    The mean is that of samples without a turn: a centripetal acceleration would not average out. Nor does the mean
+    slope of the ground. None without accelerations, or where their mean is not as long as gravity.
+    """
+    if not set(ACCELERATIONS) <= set(imu.columns):
+        return None
+    force = np.column_stack([imu[name] for name in ACCELERATIONS])
+    turning = np.nansum([imu[name] ** 2 for name in RATES if name in imu], axis=0) ** 0.5
+    known = np.isfinite(force).all(axis=1) & (turning < _STRAIGHT)
+    t, force = imu.t[known], force[known]
+    block = np.floor(t / _SPACED)
+    pieces = [force[block == one].mean(axis=0) for one in np.unique(block)]
+    if len(pieces) < 2:
+        return None
+    mean = np.mean(pieces, axis=0)
+    length = float(np.linalg.norm(mean))
+    if not _GRAVITY[0] < length < _GRAVITY[1]:
+        return None
+    sd = float(np.linalg.norm(np.std(pieces, axis=0, ddof=1))) / length / len(pieces) ** 0.5
+    return mean / length, sd
+
+
+def imu_tilt(experiment: Experiment) -> Iterator[Finding]:
+    """An IMU that is mounted at an angle, by the direction of gravity in its axes."""
+    imu = experiment.channels.get("imu")
+    seen = upward(imu) if imu is not None else None
+    if imu is None or seen is None:
+        return
+    up, sd = seen
+    tilt = float(np.arccos(np.clip(up[2], -1.0, 1.0)))
+    low, high = max(tilt - 2.0 * sd, 0.0), tilt + 2.0 * sd
+    if low < TILT_REPORTED:
+        return
+    i = int(np.argmax(np.abs(up)))
+    axis = f"{'-' if up[i] < 0 else ''}{'xyz'[i]}"
+    if tilt < TURNED:
+        said = f"the accelerometer leans by {tilt:.2f} rad ({low:.2f}–{high:.2f}): it, or the robot, is not level"
+        mend = "turn its axes until gravity is along z"
+    else:
+        said = f"the IMU's {axis} axis points up: it is " + ("upside down" if axis == "-z" else "turned")
+        mend = "turn the IMU's axes"
+    yield Finding(
+        "imu_tilt", imu.topic, tilt, (low, high), "rad", said,
+        f"up is ({up[0]:.2f}, {up[1]:.2f}, {up[2]:.2f}) in its axes by the mean of its specific force", mend,
+        serious=tilt >= TURNED,
+    )  # fmt: skip
+
+
+def level(imu: Channel) -> Channel:
+    """An IMU's channel in axes of which z points up, as its accelerometer says; as it is where that cannot be said.
+
+    Turned the shortest way, so that x stays ahead where the IMU leans a little; rates are turned along where all three
+    were measured. One that is upside down stays as it is: which way it was turned over nothing here tells, and the sign
+    of its yaw rate shows by itself.
+    """
+    seen = upward(imu)
+    if seen is None or seen[0][2] < -np.cos(TURNED):
+        return imu
+    up, _ = seen
+    if up[2] < np.cos(TURNED) and not all(np.isfinite(imu[name]).any() for name in RATES if name in imu):
+        return imu
+    about = np.array([up[1], -up[0], 0.0])  # turns `up` into z
+    cross = np.array([[0.0, 0.0, about[1]], [0.0, 0.0, -about[0]], [-about[1], about[0], 0.0]])
+    turn = np.eye(3) + cross + cross @ cross / (1.0 + up[2])
+    columns = dict(imu.columns)
+    for names in (RATES, ACCELERATIONS):
+        if set(names) <= set(columns) and all(np.isfinite(columns[name]).any() for name in names):
+            turned = np.column_stack([columns[name] for name in names]) @ turn.T
+            columns |= {name: turned[:, i] for i, name in enumerate(names)}
+    return replace(imu, columns=columns)
+
+
 # ----------------------------------------------------------------------
 # Delays and clocks.
 # ----------------------------------------------------------------------
@@ -601,22 +688,27 @@ def _by_wheels(
     yield from _late("gyro_delay", gyro_topic, gyro, wheels_topic, TOGETHER if gyro.value > 0 else LATE_REPORTED)
 
 
+_BACK_LAGS = (0.0, 0.03)
+"""s of first-order lag of both modules' turning, of which only the back one's is by its wheels."""
+
+
 def articulation_after_modules(of: StreamComparisons, found: Sequence[Finding]) -> Delay | None:
     """By how much the articulation is later than the modules' turning, whose own delays in `found` are taken off."""
     late = {one.name: one.value for one in found if one.name in DELAYS.values() and one.value is not None}
+    if not of.segments:
+        return None
     _, most = reach(of.segments)
     pieces = list(bending(of.segments, late)) if most > 0.1 else []
-    return agreeing(delay_of(pieces, most, np.random.default_rng(of.seed), lags=LAGS))
+    lags = LAGS if _front_turns_by(of) == "motor_torques" else _BACK_LAGS
+    return agreeing(delay_of(pieces, most, np.random.default_rng(of.seed), lags=lags))
 
 
 def _late_articulation(of: StreamComparisons, found: Sequence[Finding]) -> Iterator[Finding]:
     delay = articulation_after_modules(of, found)
     if delay is not None:
-        front = _front_turns_by(of)
-        least = TOGETHER if front == "motor_torques" else LATE_REPORTED
-        topics = dict.fromkeys(of.experiment.channels[key].topic for key in (front, "motor_torques"))
+        topics = dict.fromkeys(of.experiment.channels[key].topic for key in (_front_turns_by(of), "motor_torques"))
         topic = of.experiment.channels["joint_states"].topic
-        yield from _late("articulation_delay", topic, delay, " and ".join(topics), least)
+        yield from _late("articulation_delay", topic, delay, " and ".join(topics), TOGETHER)
 
 
 def _front_turns_by(of: StreamComparisons) -> str:
