@@ -7,7 +7,8 @@ they are compared over spans of about a second, with all scales free.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -397,6 +398,13 @@ class _Rows:
         self.block: Indices = np.asarray(block, np.int64).ravel()
         self._sums: dict[float, RunningSums] = {}
 
+    def without_drift(self, skew: float) -> _Rows:
+        """These rows, none of less weight, with what a delay grows by, s per s, taken off; in the middle times stay."""
+        straight, middle = copy(self), float(self.end.mean())
+        straight.begin, straight.end = (t - skew * (t - middle) for t in (self.begin, self.end))
+        straight.weights = np.ones(len(self.y))
+        return straight
+
     def sums(self, lag: float) -> RunningSums:
         """What explains, behind a low-pass, of all segments."""
         if lag not in self._sums:
@@ -491,6 +499,18 @@ def delay_of(
     if sum(len(p.y) for p in pieces) < _FEWEST:
         return None
     rows = _Rows(pieces, trend)
+    found = _steady_delay(rows, most, rng, lags)
+    low, high = found.skew_interval
+    if not low * high > 0.0:
+        return found
+    drift = found.skew  # rows far from the middle had little weight: once more with the drift taken off
+    found = _steady_delay(rows.without_drift(drift), most, rng, lags)
+    low, high = found.skew_interval
+    return replace(found, skew=drift + found.skew, skew_interval=(drift + low, drift + high))
+
+
+def _steady_delay(rows: _Rows, most: float, rng: np.random.Generator, lags: Sequence[float]) -> Delay:
+    """The delay that rows have in common, and how it drifts about that."""
     coarse = np.arange(-most, most + 1e-9, _COARSE)
     _reweigh(rows, _Normal(rows, coarse, 0.0))
     around = float(coarse[int(np.argmin(_Normal(rows, coarse, lags[0]).costs()[0][0]))])
