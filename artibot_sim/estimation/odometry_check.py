@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 from scipy.stats import chi2
 
 from artibot_sim.errors import ArtibotError
@@ -104,9 +104,13 @@ class OdometryWindow:
         """By the faster side, m."""
         return float(np.abs(np.diff(self.sides, axis=0)).sum(axis=0).max())
 
-    def wheels(self, track: float) -> Array:
-        """Return x, y (m) and yaw (rad) at the end by wheels that roll without slip, `track` m apart."""
-        travelled, turned = self.sides.mean(axis=1), (self.sides[:, 0] - self.sides[:, 1]) / track
+    def wheels(self, track: float, ratio: float = 0.0) -> Array:
+        """Return x, y (m) and yaw (rad) at the end by wheels that roll without slip, `track` m apart.
+
+        Those on the right go farther than those on the left by the share `ratio`.
+        """
+        right, left = (self.sides * (1.0 + 0.5 * ratio, 1.0 - 0.5 * ratio)).T
+        travelled, turned = 0.5 * (right + left), (right - left) / track
         return np.asarray(dead_reckon(travelled, turned)[-1])
 
 
@@ -288,6 +292,22 @@ def fitted_track(found: Sequence[OdometryWindow], robot: Robot) -> float:
     return math.exp(float(best.x))
 
 
+def fitted_sides(found: Sequence[OdometryWindow], robot: Robot) -> tuple[float, float]:
+    """Return the track (m) and the ratio of the sides with which wheels alone turn as the reference does.
+
+    By the mean absolute error of the heading, as `fitted_track`. Two sides that go differently far by the same angle
+    (unequal tyres, or loads) are what a track does not tell.
+    """
+
+    def error(given: Array) -> float:
+        return float(np.mean([abs(p.wheels(math.exp(given[0]), given[1])[2] - p.truth[2]) for p in found]))
+
+    first = np.array([[math.log(fitted_track(found, robot)), 0.0]])
+    corners = first + [[0.0, 0.0], [0.05, 0.0], [0.0, 0.02]]
+    best = minimize(error, first[0], method="Nelder-Mead", options={"initial_simplex": corners, "xatol": 1e-6})
+    return math.exp(float(best.x[0])), float(best.x[1])
+
+
 STRAIGHT = 0.15
 """A window is nearly straight where the sides' ways differ by less than this share of the longer one."""
 
@@ -428,12 +448,17 @@ class OdometryErrors:
 
 
 def rows(
-    found: Sequence[OdometryWindow], robot: Robot, track: float, factors: Mapping[str, float]
+    found: Sequence[OdometryWindow],
+    robot: Robot,
+    track: float,
+    sides: tuple[float, float],
+    factors: Mapping[str, float],
 ) -> list[OdometryErrors]:
-    """Return the errors of wheels with nominal and with fitted track, and of the model."""
+    """Return the errors of wheels with nominal and with fitted track, with fitted sides, and of the model."""
     table = [
         _row(found, "wheels, nominal track", [p.wheels(robot.front.i_y) for p in found]),
         _row(found, f"wheels, fitted track {track:.3f} m", [p.wheels(track) for p in found]),
+        _row(found, f"wheels, {sides[0]:.3f} m and sides {sides[1]:+.3f}", [p.wheels(*sides) for p in found]),
     ]
     for name in found[0].model:
         normalised = np.array([_normalised(p, name, factors[name]) for p in found])

@@ -133,7 +133,8 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
             raise ArtibotError(f"{bag}: only one window; give a shorter --window, or another recording with --fit")
         short = check.windows_for_covariance(other, robot, settings, fit, bar.stage("shorter windows", 1.0))
     track, factors = check.fitted_track(fit, robot), check.fitted_factors(short)
-    rows = check.rows(found, robot, track, factors)
+    sides = check.fitted_sides(short, robot)
+    rows = check.rows(found, robot, track, sides, factors)
     slip = ModelOdometry.SLIP.times(factors["model"])
     click.echo(check.as_text(rows, len(found), len(fit), len(short)))
     for remark in check.remarks(fit, found, robot, track):
