@@ -98,6 +98,8 @@ def _table(found: Sequence[TrajectoryRun], manoeuvre: str, robot: str) -> Any:
     table = Table(
         title=f"{robot} on {manoeuvre}: {plan.path_length:.1f} m in {plan.duration:.1f} s", title_justify="left",
         title_style="bold", box=None, header_style="bold", pad_edge=False,
+        caption="peak: largest mean over 0.1 s; at jumps of the path's curvature torques are larger for an instant",
+        caption_justify="left",
     )  # fmt: skip
     table.add_column("law", no_wrap=True)
     names = figures(found[0])

@@ -6,6 +6,7 @@ import time
 
 from rclpy.node import Node
 
+from artibot_driver.cia402 import DriveState
 from artibot_driver.rig import load_rig
 from artibot_sim.model import Robot
 from artibot_sim.nodes.drives.loop import drive_config, drive_states, open_drive_loop
@@ -33,7 +34,8 @@ class DrivenActuation:
         rig = load_rig(drive_config(get("robot"), get("driver_params"), get("bus.interface"), get("bus.channel")))
         self._loop = open_drive_loop(rig, self._shafts)
         self._slices = timing.period_ns // self._shafts.slice_ns
-        self._log, self._said, self.t_ns = node.get_logger(), "", 0
+        self._log, self.t_ns = node.get_logger(), 0
+        self._states: list[DriveState] = []
 
     def describe(self) -> str:
         """For the log."""
@@ -53,10 +55,10 @@ class DrivenActuation:
         notice = self._loop.run_until(time.monotonic_ns() + round(seconds * 1e9), self._slices)
         if notice:
             self._log.warning(notice)
-        states = drive_states(self._loop.drives)
-        if states != self._said:
-            self._log.info(f"drives: {states}")
-            self._said = states
+        states = [drive.state for drive in self._loop.drives.values()]
+        if states != self._states:
+            self._log.info(f"drives: {drive_states(self._loop.drives)}")
+            self._states = states
 
     def step(self) -> TrueState:
         """The truth now."""
