@@ -1,7 +1,7 @@
 """A simulated drive: the state machine of CiA 402 and its set-points, around a motor that somebody else turns.
 
-What it does is what CiA 301 and 402 say, of the objects that its EDS names. Call :meth:`SimulatedDrive.step` at 500 Hz
-or more.
+What it does is what CiA 301 and 402 say, of the objects that its EDS names. Call :meth:`SimulatedDrive.step` at 100 Hz
+or more; or `run`, and hand over what has come, and `watch`.
 """
 
 from __future__ import annotations

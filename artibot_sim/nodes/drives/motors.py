@@ -23,7 +23,7 @@ from artibot_sim.nodes.sim.engine import Array, Diverged, Periods, StartPose, Tr
 from artibot_sim.nodes.sim.sensors import SensorModel, SimulatedSensors
 
 LONGEST_SLICE_NS = 2_000_000
-"""Between two exchanges of drives and motors: 500 a second at least."""
+"""Drives and motors exchange at the ends of such slices: what a frame finds is older by so much at most."""
 
 _MOTORS = list(MOTOR_COORDINATES)
 
@@ -197,7 +197,7 @@ def steps_of_a_slice(timing: Periods) -> int:
     most = LONGEST_SLICE_NS // timing.dt_ns
     if most < 1:
         raise ArtibotError(
-            f"dt: {timing.dt_ns * 1e-9:g} s is too long with drives; they exchange with the model 500 times a second: "
-            "expected at most 0.002 s"
+            f"dt: {timing.dt_ns * 1e-9:g} s is too long with drives, which are to find their motors where they were 2 ms "
+            "ago at most: expected at most 0.002 s"
         )
     return next(n for n in range(most, 0, -1) if steps % n == 0)
