@@ -197,7 +197,7 @@ def steps_of_a_slice(timing: Periods) -> int:
     most = LONGEST_SLICE_NS // timing.dt_ns
     if most < 1:
         raise ArtibotError(
-            f"dt: {timing.dt_ns * 1e-9:g} s is too long with drives, which are to find their motors where they were 2 ms "
-            "ago at most: expected at most 0.002 s"
+            f"dt: {timing.dt_ns * 1e-9:g} s is too long with drives, which are to find motors where they were 2 ms ago "
+            "at most: expected at most 0.002 s"
         )
     return next(n for n in range(most, 0, -1) if steps % n == 0)
