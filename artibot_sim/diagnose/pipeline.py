@@ -197,7 +197,7 @@ def result_of(
     view: CommandView,
 ) -> Diagnosis:
     """The diagnosis that a conclusion comes to."""
-    decision, channels = found.decision, assessed.channels
+    decision, channels = _held_up(found.decision, assessed), assessed.channels
     return Diagnosis(
         verdict=decision.verdict,
         robot=robot,
@@ -231,6 +231,14 @@ def result_of(
     )
 
 
+def _held_up(decision: Decision, assessed: Assessment) -> Decision:
+    """The decision without a force that only the windows speak for to which it was fitted."""
+    force = decision.unexplained
+    if force is None or not assessed.refuted or force.proven:
+        return decision
+    return replace(decision, unexplained=None)
+
+
 def _decades(nats: tuple[float, float] | None) -> tuple[float, float] | None:
     return None if nats is None else (nats[0] / DECADE, nats[1] / DECADE)
 
@@ -261,6 +269,7 @@ def _unexplained(decision: Decision, assessed: Assessment) -> Unexplained | None
         law, form = laws[next(iter(spans))], first.form
         fitted = law["offset" if form.edge is not None else "times_scale" if form.times else "scale"]
         size = float(f"{law['size'].value:.3g}")
+        said = unexplained_of(decision.unexplained.as_large(size))
         said = replace(said, size=size, form=form.name_at(float(fitted.value)))
     return replace(said, laws=laws, log10_bayes_factor=nats / DECADE, spans=spans)
 

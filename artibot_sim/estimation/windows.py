@@ -16,6 +16,7 @@ from artibot_sim.experiment.measured import MeasuredMotion, forward_speed
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import stiction, wheel_windup
 from artibot_sim.model.effects.tyre_relaxation import EFFECT, SLOWEST
+from artibot_sim.model.equations.contact import steady_bending
 from artibot_sim.model.kernels.layout import BACK, GAMMA, THETA_L, THETA_R, X, Y
 from artibot_sim.model.robot.derived import params, train
 from artibot_sim.model.robot.environment import STANDARD_GRAVITY
@@ -575,24 +576,7 @@ def bent_bristles(robots: Sequence[Robot], robot: Indices, q: Array, v: Array) -
         length = float(one.effects.get(stiction.EFFECT.id, {}).get("length", 0.0))
         if length and len(rows):
             for wheel, body, rim, slip in _slipping(one, q[rows], v[rows]):
-                found[rows, wheel], found[rows, wheels + wheel] = _bent(body, slip, np.abs(rim) / length).T
+                bent, holds = np.empty(slip.shape), body.mu_s * body.m * STANDARD_GRAVITY / 4.0
+                steady_bending(body, 1.0 / stiction.TIME, holds, slip, np.abs(rim) / length, _BENDINGS, bent)
+                found[rows, wheel], found[rows, wheels + wheel] = bent.T
     return found
-
-
-def _bent(body: ModuleParams, slip: Array, renewal: Array) -> Array:
-    """Bristles' steady bending (n, 2) at wheels that slip (n, 2), m/s, renewed by rolling at `renewal` (n,), 1/s.
-
-    Where a wheel slides eq. 16 leaves a share of its slip, which depends on how far they are bent: found in turn.
-    """
-    holds, k = body.mu_s * body.m * STANDARD_GRAVITY / 4.0, np.array([body.k_l, body.k_t])
-    release = renewal + np.hypot(*(k * slip).T) / (stiction.TIME * holds)
-    bent, share = slip / np.maximum(release, 1e-9)[:, None], np.ones((len(slip), 1))
-    for _ in range(_BENDINGS):
-        F, left = k * bent / stiction.TIME, share * slip
-        gives = np.linalg.norm(F, axis=1) / holds * (F * k * left).sum(axis=1)
-        gives /= np.maximum((k * F * F).sum(axis=1), 1e-30) * stiction.TIME
-        stay = left / np.maximum(renewal[:, None] + gives[:, None] * k, 1e-9)
-        bent = np.sign(slip) * np.sqrt(np.abs(bent * stay))
-        force = np.linalg.norm(k * (slip + bent / stiction.TIME), axis=1)[:, None]
-        share = np.where(force > holds, body.mu_d / body.mu_s * holds / np.maximum(force, 1e-9), 1.0)
-    return bent

@@ -139,7 +139,9 @@ class Explanations:
         """The simplest one that leaves no more than noise; None if none does.
 
         Effects and laws cost the same. What is as simple and explains as much has effects rather than laws: a law may
-        look like any of them. Of three effects pairs are not tried: each choice takes a search and a fit.
+        look like any of them. Of three effects pairs are not tried: each choice takes a search and a fit. But a law
+        that was found beside effects may do without any of them: where it acts and on which soil is known then, which a
+        search without them, on the soil that the force has bent, need not find.
         """
         best, found = None, list[Explanation]()
         for count in sorted({0, 1, len(self._found.fitted)}):
@@ -148,7 +150,30 @@ class Explanations:
             every = map(self, combinations(range(len(self._found.fitted)), count))
             found += [one for one in every if one.suffices]
             best = self._simplest(found) if found else None
+        while best is not None and best.effects:
+            fewer = [one for place in best.effects if (one := self._without(best, place)).suffices]
+            if not fewer:
+                break
+            simplest = self._simplest([best, *fewer])
+            if simplest is best:
+                break
+            best = simplest
         return best
+
+    def _without(self, one: Explanation, place: int) -> Explanation:
+        """Laws without one of an explanation's effects, begun on the soil that goes with all of it."""
+        effects = tuple(other for other in one.effects if other != place)
+        (problem, fit), whole = self._model(effects), one.laws
+        assert whole is not None
+        larger, begin = whole.problem, whole.fit.point
+        for which in (*(-1 for _ in whole.spans), one.effects.index(place)):
+            larger, begin = without_effect(larger, fit.loss, begin, which)
+        found = self._in_time(lambda: unexplained(problem, begin.coordinates, 1))
+        laws = None if found is None else self._in_time(lambda: fitted_laws(problem, fit, found, self._ticks, begin))
+        again = Explanation(effects, problem, fit, None if laws is None else laws.force, laws)
+        if again.suffices:
+            self._made[effects] = again
+        return again
 
     def _simplest(self, found: list[Explanation]) -> Explanation:
         worth = {one.effects: -0.5 * one.cost - self._found.least * one.terms for one in found}

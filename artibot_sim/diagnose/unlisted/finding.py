@@ -116,6 +116,18 @@ class ForceFinding:
             per_recording=first.per_recording, soil=first.soil, spans=tuple(one.span for one in chosen),
         )  # fmt: skip
 
+    @property
+    def proven(self) -> bool:
+        """Whether the regression by itself says that the chosen force is there."""
+        return bool(self.chosen) and self.chosen[0].worth >= FORCE_NATS
+
+    def as_large(self, size: float) -> ForceFinding:
+        """The finding with the first force as large as whole windows have it."""
+        first = self.chosen[0]
+        times = abs(size / (first.form.size(first.coefficients) or size))
+        each = tuple((name, times * typical) for name, typical in self.per_recording)
+        return replace(self, typical=times * self.typical, per_recording=each)
+
 
 def unexplained(problem: Problem, coordinates: Array, rounds: int = _ROUNDS) -> ForceFinding | None:
     """The forces that may be what a fit does not explain; None if there are none.

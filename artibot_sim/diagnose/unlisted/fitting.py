@@ -158,7 +158,11 @@ def _as_found(size: Array) -> dict[str, float]:
 
 
 def fitted_laws(
-    problem: Problem, fit: Fit, found: ForceFinding, tick: Callable[[], None] = lambda: None
+    problem: Problem,
+    fit: Fit,
+    found: ForceFinding,
+    tick: Callable[[], None] = lambda: None,
+    begin: Point | None = None,
 ) -> FittedLaws | None:
     """The forces of a finding as laws, one after the other, as long as each is worth it; None where none is.
 
@@ -170,15 +174,18 @@ def fitted_laws(
     Parameters
     ----------
     problem, fit : Problem, Fit
-        The model without, at whose residuals the force was found.
+        The model without.
+    begin : Point, optional
+        Of that model, at whose residuals the force was found; where the fit ended by default.
     """
+    begin = begin or fit.point
     now, spans, chosen = (problem, fit), dict[str, tuple[float, float]](), list[Shortlisted]()
     left: ForceFinding | None = found
     for name in [name for name in LAWS if name not in problem.parameters.robot.effects]:
-        best = None if left is None else _best_law(*now, name, left, tick)
+        best = None if left is None else _best_law(now[0], fit.loss, name, left, begin, tick)
         if best is None:
             break
-        last = _fitted(*now, best)
+        last = _fitted(now[0], fit.loss, begin, best)
         tick()
         if now[1].point.cost - last[1].point.cost <= 2.0 * FORCE_NATS:
             break
@@ -186,7 +193,8 @@ def fitted_laws(
         chosen.append(best.found)
         if not leaves_more_than_noise(remains(now[0], now[1].point)):
             break
-        left = unexplained(now[0], now[1].point.coordinates, 1)
+        begin = now[1].point
+        left = unexplained(now[0], begin.coordinates, 1)
     if not spans:
         return None
     larger, last_fit = _needed(now[0], converge(now[0], now[1].point, fit.loss, _MANY))
@@ -209,7 +217,9 @@ class _Law:
     point: Point
 
 
-def _best_law(problem: Problem, fit: Fit, name: str, found: ForceFinding, tick: Callable[[], None]) -> _Law | None:
+def _best_law(
+    problem: Problem, loss: Loss, name: str, found: ForceFinding, begin: Point, tick: Callable[[], None]
+) -> _Law | None:
     """Which of the forces that may be the model asks for most; None if there is none.
 
     So many windows tell. A force that the fit does not know of has bent the soil: neither the regression nor
@@ -219,22 +229,22 @@ def _best_law(problem: Problem, fit: Fit, name: str, found: ForceFinding, tick: 
     """
     rows = np.unique(np.linspace(0, len(problem) - 1, _WINDOWS).round().astype(int))
     part, best, shortlist = problem.part(rows.tolist()), None, found.shortlist
-    point = evaluate(part, fit.loss, [fit.point.coordinates], fit.point.starts[rows])[0]
+    point = evaluate(part, loss, [begin.coordinates], begin.starts[rows])[0]
     for _ in range(_LOOKS if name == LAWS[0] else 1):
         left = [
-            *_by_regression(part, fit.loss, name, shortlist, point),
-            *_by_sensitivities(problem, part, fit.loss, name, point),
+            *_by_regression(part, loss, name, shortlist, point),
+            *_by_sensitivities(problem, part, loss, name, point),
         ]
         for steps, most in _STAGES:
             left = sorted(left, key=lambda law: law.point.cost)[:most]
-            left = side_by_side(partial(_further, fit.loss, steps), left, problem.workers, tick)
+            left = side_by_side(partial(_further, loss, steps), left, problem.workers, tick)
         now = _simplest(left)
         if now is None or (best is not None and best.point.cost - now.point.cost <= 2.0 * FORCE_NATS):
             break
         best = now
         if not leaves_more_than_noise(remains(best.problem, best.point)):
             break
-        _, point = without_effect(best.problem, fit.loss, best.point)
+        _, point = without_effect(best.problem, loss, best.point)
         again = unexplained(problem, point.coordinates, 1)
         shortlist = () if again is None else again.shortlist
     return best
@@ -252,12 +262,8 @@ def _by_sensitivities(problem: Problem, part: Problem, loss: Loss, name: str, po
     if not len(few):
         return []
     equations, of = regression(few, point.coordinates)
-    usual = [one for one in different_ones(weighed(equations, of)) if one.form.edge is None]
-    extensions = {
-        id(one): law
-        for one in usual
-        if (law := _extension(name, one, modules)) is not None and one.form.law != "periodic"
-    }
+    usual = [one for one in different_ones(weighed(equations, of)) if one.form.edge is None and not one.form.between]
+    extensions = {id(one): law for one in usual if (law := _extension(name, one, modules)) is not None}
     laws = [one for one in usual if id(one) in extensions]
     half = part.part(range(0, len(part), 2))
     base = around(half, loss, evaluate(half, loss, [point.coordinates], point.starts[::2])[0])
@@ -328,11 +334,11 @@ def _further(loss: Loss, steps: int, law: _Law) -> _Law:
     return replace(law, point=converge(law.problem, law.point, loss, steps).point)
 
 
-def _fitted(problem: Problem, fit: Fit, law: _Law) -> tuple[Problem, Fit]:
+def _fitted(problem: Problem, loss: Loss, begin: Point, law: _Law) -> tuple[Problem, Fit]:
     """The model with a law, fitted to all windows from where those went by which it was chosen."""
     larger = with_effect(problem, law.extension)
-    point = evaluate(larger, fit.loss, [law.point.coordinates], fit.point.starts)[0]
-    return larger, converge(larger, restarted_windows(larger, fit.loss, point), fit.loss, _FEW)
+    point = evaluate(larger, loss, [law.point.coordinates], begin.starts)[0]
+    return larger, converge(larger, restarted_windows(larger, loss, point), loss, _FEW)
 
 
 def _needed(problem: Problem, fit: Fit) -> tuple[Problem, Fit]:

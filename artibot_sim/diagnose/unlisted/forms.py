@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.diagnose.unlisted.variables import PLACE
 from artibot_sim.diagnose.words import NOTHING
+from artibot_sim.model.effects.force_law import FORMS, shapes
 
 Array = NDArray[np.float64]
 Curve = Callable[[Array, NDArray[np.int64]], Array]
@@ -45,16 +46,6 @@ _RATES = ("speed", "own speed", "yaw rate", "articulation rate")
 none of them: wheels let go at some of these, and a fit that is wrong about when looks just so."""
 _LEVELS = ("speed", "own speed", "yaw rate", "articulation angle", "lateral speed")
 """Variables whose size may set how strong that is."""
-_SHAPES: Mapping[str, Callable[[Array], Array]] = {
-    "linear": lambda u: u,
-    "quadratic": lambda u: u * np.abs(u),
-    "magnitude": np.abs,
-    "coulomb": np.tanh,
-    "threshold": lambda u: np.sign(u) * np.maximum(np.abs(u) - 1.0, 0.0),
-    "decaying": lambda u: np.exp(-np.abs(u)),
-    "step": lambda u: 0.5 + 0.5 * np.tanh(u),
-}
-"""Forms of the model as functions of a variable over its scale; see `effects.force_law.shape`."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +81,8 @@ class Form:
         (m). The second variable is the place then.
     named : str
         The name with a field for the number that is fitted with the law; empty where none is.
+    between : bool
+        Of a wave in time whether fits of the next longer and the next shorter one reach it.
     """
 
     variable: str
@@ -107,6 +100,7 @@ class Form:
     reach: float = 0.0
     edge: tuple[float, float] | None = None
     named: str = ""
+    between: bool = False
 
     def name_at(self, fitted: float) -> str:
         """The name once the number that is fitted with the law has this value."""
@@ -171,7 +165,7 @@ def _in_time(variable: str, longest: float, recordings: int) -> Iterator[Form]:
         reach = float(np.log(count / (count - 1.0))) if count > _PER_PERIOD // 2 else 0.0
         yield Form(
             variable, named.format(period), curve, amplitude, across=recordings > 1, scale=period, law="periodic",
-            reach=reach, named=named,
+            reach=reach, named=named, between=count % 2 == 1,
         )  # fmt: skip
 
 
@@ -264,8 +258,14 @@ def _bare(variable: str) -> str:
 
 def _of_one(law: str, scale: float) -> Curve:
     """A form of the model with one coefficient."""
-    shape = _SHAPES[law]
-    return lambda u, r: shape(u / scale)[..., None]
+    form = list(FORMS).index(law)
+
+    def curve(u: Array, r: NDArray[np.int64]) -> Array:
+        out = np.empty(u.size)
+        shapes(form, np.ravel(u) / scale, out)
+        return out.reshape(*u.shape, 1)
+
+    return curve
 
 
 def waves(count: float) -> Curve:

@@ -22,7 +22,7 @@ from numba.extending import overload
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.effects import parts
 from artibot_sim.model.effects.base import Effect, EffectParameter, Values, choice, number
-from artibot_sim.model.kernels.compilation import called, inlined
+from artibot_sim.model.kernels.compilation import called, inlined, kernel
 from artibot_sim.model.kernels.elementary import exp, log, sincos, tanh, whole
 
 if TYPE_CHECKING:
@@ -211,6 +211,13 @@ def shape(form, u, exponent, phase):
     if form == STEP:
         return 0.5 + 0.5 * tanh(u)
     return 1.0
+
+
+@kernel
+def shapes(form, u, out):
+    """A form's values at `u` into `out` (n,), see `shape`; of forms that take no other number."""
+    for i in range(len(u)):
+        out[i] = shape(form, u[i], 1.0, 0.0)
 
 
 @inlined

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.effects.force_law import LocalMotion
-from artibot_sim.model.kernels.compilation import inlined
+from artibot_sim.model.kernels.compilation import inlined, kernel
 from artibot_sim.model.kernels.elementary import inverse_root
 from artibot_sim.model.kernels.layout import ALPHA, GAMMA, Q_C, X, Y, Z
 
@@ -279,6 +279,16 @@ def held_by(F, stiff, k, z):
 
 
 @inlined
+def released(stiff, renewal, k_l, k_t, slip_l, slip_t, narrow, friction, y_l, y_t):
+    """With effects: rates (1/s) at which bristles that are bent by y (m) let go along and across; see `bending`."""
+    F_l, F_t, k_across = stiff * k_l * y_l, stiff * narrow * k_t * y_t, narrow * k_t
+    towards = max(F_l * k_l * slip_l + F_t * k_across * slip_t, 0.0)
+    used = math.sqrt(F_l * F_l + F_t * F_t) / max(friction, 1e-9)
+    gives = stiff * used * towards / max(k_l * F_l * F_l + narrow * k_across * F_t * F_t, 1e-30)
+    return renewal + gives * k_l, renewal + gives * narrow * k_across
+
+
+@inlined
 def bending(stiff, renewal, k_l, k_t, slip_l, slip_t, narrow, friction, z_l, z_t, dt):
     """With effects: how fast a wheel's bristles bend along and across it, m/s, now or as a step `dt` takes it.
 
@@ -306,15 +316,47 @@ def bending(stiff, renewal, k_l, k_t, slip_l, slip_t, narrow, friction, z_l, z_t
     y_l, y_t = z_l, z_t
     if dt is not None:  # as far as they are bent before they give way
         y_l, y_t = (z_l + dt * slip_l) / (1.0 + dt * renewal), (z_t + dt * slip_t) / (1.0 + dt * renewal)
-    F_l, F_t, k_across = stiff * k_l * y_l, stiff * narrow * k_t * y_t, narrow * k_t
-    towards = max(F_l * k_l * slip_l + F_t * k_across * slip_t, 0.0)
-    used = math.sqrt(F_l * F_l + F_t * F_t) / max(friction, 1e-9)
-    gives = stiff * used * towards / max(k_l * F_l * F_l + narrow * k_across * F_t * F_t, 1e-30)
-    release_l, release_t = renewal + gives * k_l, renewal + gives * narrow * k_across
+    release_l, release_t = released(stiff, renewal, k_l, k_t, slip_l, slip_t, narrow, friction, y_l, y_t)
     rate_l, rate_t = slip_l - release_l * z_l, slip_t - release_t * z_t
     if dt is not None:
         return rate_l / (1.0 + dt * release_l), rate_t / (1.0 + dt * release_t)
     return rate_l, rate_t
+
+
+@kernel
+def steady_bending(body, stiff, friction, slip, renewal, rounds, out):
+    """How far bristles are bent where they stay, into `out` (n, 2), m, at wheels of a module under a static load.
+
+    Where a wheel slides eq. 16 leaves a share of its slip, which depends on how far they are bent: found in turn.
+
+    Parameters
+    ----------
+    body : record
+        The wheels' module.
+    stiff, friction : float
+        See `bending`.
+    slip : array, shape (n, 2)
+        m/s, along and across.
+    renewal : array, shape (n,)
+    rounds : int
+        How often both are found.
+    """
+    k_l, k_t, load = body.k_l, body.k_t, friction / body.mu_s
+    for i in range(len(slip)):
+        s_l, s_t = slip[i, 0], slip[i, 1]
+        pull_l, pull_t = k_l * s_l, k_t * s_t
+        release = max(renewal[i] + stiff * math.sqrt(pull_l * pull_l + pull_t * pull_t) / friction, 1e-9)
+        z_l, z_t, held = s_l / release, s_t / release, 1.0
+        for _ in range(rounds):
+            left_l, left_t = held * s_l, held * s_t
+            on_l, on_t = released(stiff, renewal[i], k_l, k_t, left_l, left_t, 1.0, friction, z_l, z_t)
+            z_l = math.copysign(math.sqrt(abs(z_l * left_l) / max(on_l, 1e-9)), s_l)
+            z_t = math.copysign(math.sqrt(abs(z_t * left_t) / max(on_t, 1e-9)), s_t)
+            F_l, F_t = held_by(pull_l, stiff, k_l, z_l), held_by(pull_t, stiff, k_t, z_t)
+            _, _, held = within_friction(
+                body, None, F_l, F_t, load, load, body.mu_s, body.mu_d, s_l, s_t, None
+            )  # fmt: skip
+        out[i, 0], out[i, 1] = z_l, z_t
 
 
 @inlined

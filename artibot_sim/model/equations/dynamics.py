@@ -320,20 +320,38 @@ def joint_slope(fx, angle, rate):
 
 
 @inlined
+def joint_torque(fx, angle, rate, dt):
+    """With effects: the torque in a joint's yaw (N m), and what each rad/s² makes of it by the end of a step `dt`.
+
+    In the middle of the step, by the secant slope; at an instant (`dt` None) acceleration makes nothing of it.
+    """
+    if dt is not None:
+        angle += 0.5 * dt * rate
+        return hooks.joint(fx, angle, rate), dt * joint_slope(fx, angle, rate)
+    return hooks.joint(fx, angle, rate), 0.0
+
+
+@inlined
+def stopped(torque, slope, alone, compliance):
+    """The torque at the end of a step, which stops a motion and does not turn it back: friction by its secant.
+
+    `torque` and `slope` are those of `joint_torque`. With that torque the joint's yaw accelerates by `alone` (rad/s²),
+    and by `compliance` less for each N m more.
+    """
+    return torque + slope * alone / (1.0 + slope * compliance)
+
+
+@inlined
 def turned_by_joint(p, fx, v, geometry, front, back, angle, dt, w):
     """Free accelerations of both modules with the effects' torque in the joint's yaw.
 
     Over a step `dt` (None for the instant) friction is taken implicitly, by its secant, so that it stops a motion and
     does not turn it back: M_J = M(angle, rate) + dt s (acceleration), with the acceleration that M_J leaves.
     """
-    rate = v[BACK + GAMMA] - v[GAMMA]
+    torque, slope = joint_torque(fx, angle, v[BACK + GAMMA] - v[GAMMA], dt)
     if dt is not None:
-        angle += 0.5 * dt * rate
-    torque = hooks.joint(fx, angle, rate)
-    if dt is not None:
-        slope = joint_slope(fx, angle, rate)
         alone, compliance = yaw_response(p, v, geometry, *twisted(p, front, back, torque))
-        torque += dt * slope * alone / (1.0 + dt * slope * compliance)
+        torque = stopped(torque, slope, alone, compliance)
     w[M_J] = torque
     return twisted(p, front, back, torque)
 

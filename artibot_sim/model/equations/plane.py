@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.equations.contact import WheelPair, load_transfer, soil_under
-from artibot_sim.model.equations.dynamics import joint_slope, mass_centre, module_loads
+from artibot_sim.model.equations.dynamics import joint_torque, mass_centre, module_loads, stopped
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.layout import BEHIND, FRONT
 
@@ -222,10 +222,8 @@ def planar_accelerations(front, back, ground, fx, f, b, trig, forces, dt=None):
     row_y = held_y + fy_a - by_a + 2.0 * A * (f.y_dot - b.y_dot)
     torque = 0.0
     if fx is not None:
-        angle, rate = b.gamma - f.gamma, b.gamma_dot - f.gamma_dot
-        if dt is not None:
-            angle += 0.5 * dt * rate
-        torque = ground.joined * hooks.joint(fx, angle, rate)
+        torque, slope = joint_torque(fx, b.gamma - f.gamma, b.gamma_dot - f.gamma_dot, dt)
+        torque *= ground.joined
         if dt is not None:
             # the secant times what the joint's yaw does with this torque, and what 1 N m less would make of that
             a_f, a_b = fg_a + front.inv_J * torque, bg_a - back.inv_J * torque
@@ -236,8 +234,7 @@ def planar_accelerations(front, back, ground, fx, f, b, trig, forces, dt=None):
             r_x, r_y = Gf_x + Gb_x, Gf_y + Gb_y
             l_x, l_y = scale * (s_yy * r_x - s_xy * r_y), scale * (s_xx * r_y - s_xy * r_x)
             compliance = front.inv_J + back.inv_J - ((Gf_x + Gb_x) * l_x + (Gf_y + Gb_y) * l_y)
-            slope = ground.joined * joint_slope(fx, angle, rate)
-            torque += dt * slope * alone / (1.0 + dt * slope * compliance)
+            torque = stopped(torque, ground.joined * slope, alone, compliance)
         fg_a, bg_a = fg_a + front.inv_J * torque, bg_a - back.inv_J * torque
     turn_f, turn_b = fg_a + 2.0 * A * f.gamma_dot, bg_a + 2.0 * A * b.gamma_dot
     row_x, row_y = row_x + (gf_x * turn_f - gb_x * turn_b), row_y + (gf_y * turn_f - gb_y * turn_b)

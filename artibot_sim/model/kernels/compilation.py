@@ -51,7 +51,8 @@ __all__ = ["FunctionCache", "config", "event", "numba"]
 def _undisturbed() -> Iterator[None]:
     """No search for garbage among ten thousand new objects, and no `coverage` but where it measures already.
 
-    Numba imports coverage wherever it is installed, in case somebody measures with it.
+    What was imported stays, so no later search goes through it either. Numba imports coverage wherever it is installed,
+    in case somebody measures with it.
     """
     collects, absent = gc.isenabled() and "garbage" not in _WITHOUT, "coverage" not in {*sys.modules, *_WITHOUT}
     if collects:
@@ -64,6 +65,7 @@ def _undisturbed() -> Iterator[None]:
         if absent:
             del sys.modules["coverage"]
         if collects:
+            gc.freeze()
             gc.enable()
 
 
@@ -94,10 +96,11 @@ def _spare_scipy() -> None:
 with _undisturbed():
     import numba
     from llvmlite import ir
-    from numba.core import cgutils, config, event, types
+    from numba.core import cgutils, config, event, typed_passes, types, untyped_passes
     from numba.core.caching import FunctionCache, IndexDataCacheFile
     from numba.core.codegen import JITCodeLibrary
     from numba.core.compiler import Compiler
+    from numba.core.compiler_machinery import PassManager
     from numba.extending import intrinsic
 
     _spare_scipy()
@@ -223,8 +226,26 @@ class _Piece(JITCodeLibrary):
         self._finalized = True
 
 
+_NEEDLESS = (
+    untyped_passes.InlineClosureLikes, untyped_passes.WithLifting, untyped_passes.RewriteDynamicRaises,
+    untyped_passes.FindLiterallyCalls, untyped_passes.LiteralUnroll, untyped_passes.LiteralPropagationSubPipelinePass,
+    untyped_passes.MakeFunctionToJitFunction, typed_passes.InlineOverloads, typed_passes.NopythonRewrites,
+)  # fmt: skip
+"""Numba's passes for what no piece has: functions within functions, `with`, `raise`, expressions of whole arrays."""
+
+
 class _PieceCompiler(Compiler):
-    """Numba's, whose results are pieces."""
+    """Numba's, whose results are pieces, without the passes for what no piece has."""
+
+    def define_pipelines(self) -> list[Any]:
+        """The passes that a piece goes through."""
+        (usual,) = super().define_pipelines()
+        fewer = PassManager(usual.pipeline_name)
+        for each, words in usual.passes:
+            if each not in _NEEDLESS:
+                fewer.add_pass(each, words)
+        fewer.finalize()
+        return [fewer]
 
     def compile_extra(self, function: Callable[..., Any]) -> Any:
         """Compile a function."""

@@ -20,7 +20,6 @@ from numba.core import types
 from numba.extending import overload
 from numpy.typing import NDArray
 
-from artibot_sim.model.effects import hooks
 from artibot_sim.model.effects.force_law import motion_in, note_angles, note_module
 from artibot_sim.model.equations.contact import (
     generalised_forces,
@@ -31,7 +30,7 @@ from artibot_sim.model.equations.dynamics import (
     back_to_origin,
     free_acceleration,
     joint_from_mass_centre,
-    joint_slope,
+    joint_torque,
     module_gravity,
     module_loads,
     write_loads,
@@ -251,14 +250,8 @@ def yaw_torque(fx, j, q, v, dt, w, chain):
     instant (`dt` None), or where the torque does not depend on the rate, T_0 acts as it is, and the row is empty.
     Returns T_0 and c, zero for an empty row.
     """
-    angle, rate = q[BACK + GAMMA] - q[GAMMA], v[BACK + GAMMA] - v[GAMMA]
-    c = 0.0
-    if dt is not None:
-        angle += 0.5 * dt * rate
-        slope = joint_slope(fx, angle, rate)
-        if slope > 0.0:
-            c = 1.0 / (dt * slope)
-    torque = hooks.joint(fx, angle, rate)
+    torque, slope = joint_torque(fx, q[BACK + GAMMA] - q[GAMMA], v[BACK + GAMMA] - v[GAMMA], dt)
+    c = 1.0 / slope if slope > 0.0 else 0.0
     w[M_J] = torque
     ahead, behind = chain.ahead[j], chain.behind[j]
     for k in range(3):
