@@ -26,10 +26,11 @@ from artibot_sim import progress
 TRICKS = {
     "coverage": "numba is imported without `coverage`",
     "scipy": "numba gets the one module of SciPy that it asks for",
-    "garbage": "no search for garbage while numba is imported or compiles",
+    "garbage": "no search for garbage while numba is imported or compiles, nor later among what was imported",
     "stack": "loops over rovers side by side have their stack begin where a line of the cache does",
     "contraction": "a product and a sum become one operation, and no zero has a sign",
     "pieces": "what is compiled into loops alone is never made machine code by itself",
+    "passes": "what is compiled into loops alone does not go through numba's passes for what it has not",
 }
 """What is done beside numba's own ways, by the name that leaves it out: ``ARTIBOT_WITHOUT=scipy,stack``.
 
@@ -126,7 +127,7 @@ def cache_folder() -> Path:
     digest = hashlib.sha256()
     for source in sorted(Path(__file__).parents[1].rglob("*.py")):
         digest.update(source.read_bytes())
-    for trick in sorted(_WITHOUT & {"stack", "contraction", "pieces"}):
+    for trick in sorted(_WITHOUT & {"stack", "contraction", "pieces", "passes"}):
         digest.update(trick.encode())
     root = os.environ.get("ARTIBOT_CACHE_DIR") or os.path.join(
         os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"), "artibot"
@@ -240,6 +241,8 @@ class _PieceCompiler(Compiler):
     def define_pipelines(self) -> list[Any]:
         """The passes that a piece goes through."""
         (usual,) = super().define_pipelines()
+        if "passes" in _WITHOUT:
+            return [usual]
         fewer = PassManager(usual.pipeline_name)
         for each, words in usual.passes:
             if each not in _NEEDLESS:
