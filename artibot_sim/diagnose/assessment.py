@@ -61,8 +61,6 @@ class Assessment:
         The model that was extended, with laws where `extended` has them.
     laws : FittedLaws or None
         Forces on no list as terms of the model: `extended` and `effects` have them.
-    refuted : bool
-        Whether held-out recordings are predicted no better with the laws that were found: `extended` is without them.
     """
 
     baseline: Robot
@@ -75,7 +73,6 @@ class Assessment:
     worth: HeldOut
     whole: tuple[Problem, Fit]
     laws: FittedLaws | None = None
-    refuted: bool = False
 
 
 class Assessor:
@@ -112,7 +109,7 @@ class Assessor:
             return found
         if found.worth.laws_hold and not is_minor(found.worth.gained, remains(laws.problem, laws.fit.point)):
             return found
-        return replace(self._predicted(replace(decision, laws=None)), refuted=not found.worth.laws_hold)
+        return self._predicted(replace(decision, laws=None))
 
     def _predicted(self, decision: Decision) -> Assessment:
         """All recordings predicted with all that was found."""

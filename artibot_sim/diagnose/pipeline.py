@@ -197,7 +197,7 @@ def result_of(
     view: CommandView,
 ) -> Diagnosis:
     """The diagnosis that a conclusion comes to."""
-    decision, channels = _held_up(found.decision, assessed), assessed.channels
+    decision, channels = found.decision, assessed.channels
     return Diagnosis(
         verdict=decision.verdict,
         robot=robot,
@@ -229,14 +229,6 @@ def result_of(
         seed=options.seed,
         left=decision.left,
     )
-
-
-def _held_up(decision: Decision, assessed: Assessment) -> Decision:
-    """The decision without a force that only the windows speak for to which it was fitted."""
-    force = decision.unexplained
-    if force is None or not assessed.refuted or force.proven:
-        return decision
-    return replace(decision, unexplained=None)
 
 
 def _decades(nats: tuple[float, float] | None) -> tuple[float, float] | None:

@@ -24,7 +24,6 @@ from artibot_sim.diagnose.candidates.hypotheses import hypotheses
 from artibot_sim.diagnose.candidates.screening import converged_baseline, screen
 from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
-from artibot_sim.diagnose.remains import leaves_more_than_noise
 from artibot_sim.diagnose.result import headline
 from artibot_sim.diagnose.selection.joint_fits import Rounds, contest
 from artibot_sim.diagnose.selection.per_recording import fitted_by_recording
@@ -73,15 +72,6 @@ def names_nothing(found: Case) -> None:
 def diagnosed(found: Case) -> Diagnosis:
     """By all cores."""
     return diagnose(found.recordings, load_robot(found.robot), holdout=found.holdout)
-
-
-def says_that_more_is_there(found: Case) -> None:
-    """Nothing is named and no law is found; what is left is said, and what to measure."""
-    answer = diagnosed(found)
-    assert answer.verdict is Verdict.UNEXPLAINED and not answer.causes and answer.unexplained is None
-    assert leaves_more_than_noise(answer.left)
-    assert "More than noise is left in articulation angle and back motors' torque" in headline(answer)
-    assert answer.next_experiment is not None
 
 
 def finds_both_waves(found: Case) -> None:
@@ -247,10 +237,6 @@ TABLE = (
     Row(
         "sensitivities of whole windows show it where the regression, on a bent soil, says nothing of it",
         ("wandering_moment",), 0.35, 3, "agriq", finds_both_waves, {"runs": 1, "duration": 20.0}, ("external_force",),
-    ),
-    Row(
-        "too faint for its law, plain in its traces: it is said to be there", ("wandering_moment",), 0.12, 3, "agriq",
-        says_that_more_is_there, {"runs": 1, "duration": 20.0}, ("external_force",),
     ),
     Row(
         "beside the nearest name, which takes a part of it, a drag is found; on that soil it does without the name",

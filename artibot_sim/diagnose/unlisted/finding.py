@@ -116,11 +116,6 @@ class ForceFinding:
             per_recording=first.per_recording, soil=first.soil, spans=tuple(one.span for one in chosen),
         )  # fmt: skip
 
-    @property
-    def proven(self) -> bool:
-        """Whether the regression by itself says that the chosen force is there."""
-        return bool(self.chosen) and self.chosen[0].worth >= FORCE_NATS
-
     def as_large(self, size: float) -> ForceFinding:
         """The finding with the first force as large as whole windows have it."""
         first = self.chosen[0]
