@@ -65,7 +65,7 @@ def recordings(
     put_in = {name: _drawn(name, severity, rng, numbers) for name in effects if name != VARYING}
     acting = replace(mean, effects={**mean.effects, **put_in})
     polled = float(told.choice([0.0, 20.0]))
-    rates = {"motor_torques": 30.0, "ground_truth_odom": 10.0, "imu": 50.0}
+    rates = {"motor_torques": 30.0, "ground_truth_odom": 10.0, "imu": 50.0, "joint_states": 40.0}
     logger, kept = Logger(polled, rates, jitter={"ground_truth_odom": JITTER}), ("motor_torques", "ground_truth_odom")
     if flaw is not None:
         slow = {key: rate for key, rate in flaw.rates.items() if rate < rates[key]}
