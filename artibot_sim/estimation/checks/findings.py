@@ -196,7 +196,9 @@ def findings(
     if not any(one.name == "in_air" for one in found):
         found += [*_signs(of), *_units(of, robot), *_unrelated(of)]
     found += [*_gyro(of), *imu_tilt(experiment), *(_or_smoothed(of, one) for one in _delays(of)), *_skews(of)]
-    found += [*_late_articulation(of, found), *_leaps(of, robot), *_set_points(of)]
+    found += [*_leaps(of, robot), *_set_points(of)]
+    if not any(one.serious or one.name == "set_points" for one in found):
+        found += _late_articulation(of, found)
     return sorted(found, key=lambda one: not one.serious)
 
 
