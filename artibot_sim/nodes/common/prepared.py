@@ -12,12 +12,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 
 from artibot_sim.nodes.common.stamps import SECOND
 
 _PROBE = struct.unpack("=d", bytes(range(0x41, 0x49)))[0]
 """A number that no message has by itself."""
+
+_WORD = 4
+"""Bytes to which lengths of messages are rounded."""
 
 _STAMP = struct.Struct("=iI")
 _STAMP_AT = 4
@@ -36,7 +39,7 @@ class PreparedMessage:
 
     def __init__(self, publisher: Any, message: Any) -> None:
         self._publisher, self._message = publisher, message
-        self._bytes = bytearray(serialize_message(message))
+        self._bytes = bytearray(_exact(message))
 
     def numbers(self, path: str, count: int) -> NDArray[np.float64]:
         """Return `count` doubles in a row as they stand in the message, to be written to.
@@ -56,13 +59,31 @@ class PreparedMessage:
         changed = serialize_message(self._message)
         setattr(holder, name, before)
         at = changed.find(struct.pack("=d", _PROBE))
-        assert at >= 0 and len(changed) == len(self._bytes)
+        assert 0 <= at <= len(self._bytes) - 8 * count
         return np.frombuffer(self._bytes, np.float64, count, at)
 
     def publish(self, t_ns: int) -> None:
         """Publish it as it is now, with this time."""
         _STAMP.pack_into(self._bytes, _STAMP_AT, *divmod(t_ns, SECOND))
         self._publisher.publish(bytes(self._bytes))
+
+
+def _exact(message: Any) -> bytes:
+    """A message as it is sent: the middleware's own bytes end with room for the numbers of sequences that are empty.
+
+    Readers of recordings refuse a message that is longer than its fields.
+    """
+    whole = bytes(serialize_message(message))
+    while len(whole) > _WORD and _readable(whole[:-_WORD], message):
+        whole = whole[:-_WORD]
+    return whole
+
+
+def _readable(data: bytes, message: Any) -> bool:
+    try:
+        return bool(deserialize_message(data, type(message)) == message)
+    except Exception:  # noqa: BLE001 - the middleware's own, whose type rclpy does not export
+        return False
 
 
 def _probed(value: Any) -> Any:
