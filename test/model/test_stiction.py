@@ -14,6 +14,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model import WHEELS, Mode, Status, initial_state, load_robot, rollout
 from artibot_sim.model.effects.stiction import TIME
 from artibot_sim.model.equations.contact import bending
+from artibot_sim.model.kernels.compilation import kernel
 from artibot_sim.model.reference.contact import contact
 from artibot_sim.model.reference.effects import PlainEffects
 from artibot_sim.model.robot.derived import params
@@ -106,6 +107,12 @@ def test_a_load_that_comes_at_once_is_held_after_a_swing(husky, firmer):
     assert np.abs(moved[result.t > 1.0] - moved[-1]).max() < 1e-4
 
 
+@kernel
+def bends(stiff, k_l, k_t, slip_l, slip_t, narrow, friction, z_l, z_t):
+    """How fast bristles bend now where rolling does not renew them."""
+    return bending(stiff, 0.0, k_l, k_t, slip_l, slip_t, narrow, friction, z_l, z_t, None)
+
+
 def test_any_small_slip_is_resisted():
     """However much stiffer bristles are one way than the other: or a rover that stands well below its limit slides.
 
@@ -122,7 +129,7 @@ def test_any_small_slip_is_resisted():
         angle, used = rng.uniform(0.0, 2.0 * math.pi), rng.uniform(0.0, 1.0)
         F = used * friction * np.array([math.cos(angle), math.sin(angle) / narrow])
         z = F / (stiff * k)
-        rate = np.array(bending.py_func(stiff, 0.0, *k, *slip, narrow, friction, *z, None))
+        rate = np.array(bends(stiff, *k, *slip, narrow, friction, *z))
         resisted, elastic = slip @ (stiff * k * rate), slip @ (stiff * k * slip)
         assert (1.0 - used) * elastic * (1.0 - 1e-9) <= resisted <= elastic * (1.0 + 1e-9)
         outward = (F * [1.0, narrow**2]) @ (stiff * k * rate) / friction  # the faster, the less is left of the limit
