@@ -189,6 +189,15 @@ class StreamSegment:
         )
         return RunningSums(t, np.unwrap(angle, axis=0)) if len(t) > 3 else None
 
+    @cached_property
+    def front_turning(self) -> tuple[str, RunningSums] | None:
+        """How the front module turns, as the stream of that name says best: gyroscope, heading, or else its wheels."""
+        if self.gyro is not None and "yaw_rate" in self.gyro_axes:
+            return "imu", RunningSums(self.gyro.t, self.gyro.values[:, -1:])
+        if self.heading is not None:
+            return "ground_truth_odom", self.heading
+        return ("motor_torques", self.wheels) if self.wheels is not None else None
+
     def _motors(self, key: str, motors: Sequence[str] = MOTORS[:2]) -> RunningSums | None:
         channel = self.experiment.channels.get(key)
         for quantity in ("position", "velocity"):
@@ -315,29 +324,21 @@ def advancing(segments: Sequence[StreamSegment], by: str = "wheels") -> Iterator
 
 
 def bending(segments: Sequence[StreamSegment], late: Mapping[str, float]) -> Iterator[ComparisonRows]:
-    """Rows of a joint's angle: by how both modules turn.
-
-    The front one turns as gyroscope or heading say, else as its wheels do, the back one as its wheels do.
+    """Rows of a joint's angle: by how both modules turn, the back one as its wheels say.
 
     Parameters
     ----------
     segments : sequence of StreamSegment
     late : mapping of str to float
-        `rotation_delay`, `gyro_delay`, `pose_delay`: s by which these streams are stamped late.
+        Stream → s by which it is stamped late.
     """
     span, most = reach(segments)
     for segment in segments:
-        y, back = segment.articulation, segment.back_wheels
-        if y is None or back is None:
+        y, back, front = segment.articulation, segment.back_wheels, segment.front_turning
+        if y is None or back is None or front is None:
             continue
-        x = back.earlier(late.get("rotation_delay", 0.0))
-        if segment.gyro is not None and "yaw_rate" in segment.gyro_axes:
-            gyro = RunningSums(segment.gyro.t, segment.gyro.values[:, -1:])
-            x = x.beside(gyro.earlier(late.get("gyro_delay", 0.0)))
-        elif segment.heading is not None:
-            x = x.beside(segment.heading.earlier(late.get("pose_delay", 0.0)))
-        elif segment.wheels is not None:
-            x = x.beside(segment.wheels.earlier(late.get("rotation_delay", 0.0)))
+        key, turned = front
+        x = back.earlier(late.get("motor_torques", 0.0)).beside(turned.earlier(late.get(key, 0.0)))
         if len(x.t) < 2:
             continue
         rows, before = spans(y.t, span, x.t[0] + most, x.t[-1] - most)

@@ -696,9 +696,8 @@ _BACK_LAGS = (0.0, 0.03)
 
 def articulation_after_modules(of: StreamComparisons, found: Sequence[Finding]) -> Delay | None:
     """By how much the articulation is later than the modules' turning, whose own delays in `found` are taken off."""
-    late = {one.name: one.value for one in found if one.name in DELAYS.values() and one.value is not None}
-    if not of.segments:
-        return None
+    values = {one.name: one.value for one in found if one.value is not None}
+    late = {key: values[name] for key, name in DELAYS.items() if name in values}
     _, most = reach(of.segments)
     pieces = list(bending(of.segments, late)) if most > 0.1 else []
     lags = LAGS if _front_turns_by(of) == "motor_torques" else _BACK_LAGS
@@ -708,17 +707,14 @@ def articulation_after_modules(of: StreamComparisons, found: Sequence[Finding]) 
 def _late_articulation(of: StreamComparisons, found: Sequence[Finding]) -> Iterator[Finding]:
     delay = articulation_after_modules(of, found)
     if delay is not None:
-        topics = dict.fromkeys(of.experiment.channels[key].topic for key in (_front_turns_by(of), "motor_torques"))
-        topic = of.experiment.channels["joint_states"].topic
-        yield from _late("articulation_delay", topic, delay, " and ".join(topics), TOGETHER)
+        channels = of.experiment.channels
+        topics = dict.fromkeys(channels[key].topic for key in (_front_turns_by(of), "motor_torques"))
+        yield from _late("articulation_delay", channels["joint_states"].topic, delay, " and ".join(topics), TOGETHER)
 
 
 def _front_turns_by(of: StreamComparisons) -> str:
-    """The stream that says how the front module turns: see `streams.bending`."""
-    first = of.segments[0]
-    if first.gyro is not None and "yaw_rate" in first.gyro_axes:
-        return "imu"
-    return "ground_truth_odom" if first.heading is not None else "motor_torques"
+    """The stream that says how the front module turns."""
+    return next((one.front_turning[0] for one in of.segments if one.front_turning is not None), "motor_torques")
 
 
 def surest(*delays: Delay | None) -> Delay | None:

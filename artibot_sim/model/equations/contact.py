@@ -353,9 +353,7 @@ def steady_bending(body, stiff, friction, slip, renewal, rounds, out):
             z_l = math.copysign(math.sqrt(abs(z_l * left_l) / max(on_l, 1e-9)), s_l)
             z_t = math.copysign(math.sqrt(abs(z_t * left_t) / max(on_t, 1e-9)), s_t)
             F_l, F_t = held_by(pull_l, stiff, k_l, z_l), held_by(pull_t, stiff, k_t, z_t)
-            _, _, held = within_friction(
-                body, None, F_l, F_t, load, load, body.mu_s, body.mu_d, s_l, s_t, None
-            )  # fmt: skip
+            _, _, held = within_friction(body, None, F_l, F_t, load, load, body.mu_s, body.mu_d, s_l, s_t, None)
         out[i, 0], out[i, 1] = z_l, z_t
 
 

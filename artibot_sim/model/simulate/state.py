@@ -230,8 +230,8 @@ def _settled(robot: Robot, p: Params, q: Array, t: float, ground: Surface) -> Ar
     for _ in range(500):
         spring_forces(q, numbers, fx, ground, row)
         for _, b in bodies:
-            contact = Q_C + 6 * (b // BACK)
-            force[b + Z : b + GAMMA] = weight[b + Z : b + GAMMA] + row[contact + Z : contact + GAMMA]
+            wheels = Q_C + 6 * (b // BACK)
+            force[b + Z : b + GAMMA] = weight[b + Z : b + GAMMA] + row[wheels + Z : wheels + GAMMA]
         gap, jacobian = constraint_rows(numbers, q) if p.two else (np.zeros(0), np.zeros((0, 16)))
         columns = jacobian[:, free]
         matrix = np.block([[np.diag(springs[free]), columns.T], [columns, np.zeros((len(gap), len(gap)))]])

@@ -52,7 +52,7 @@ def odometry_message(frame: str, child: str = "base_link") -> Odometry:
 
 
 class OdometryPublisher:
-    """Publishes an Odometry in the plane, with its covariances.
+    """Publishes an Odometry in the plane.
 
     Parameters
     ----------
@@ -66,13 +66,14 @@ class OdometryPublisher:
         self._numbers = self._message.numbers("pose.pose.position.x", MOTION)
 
     def publish(
-        self, t_ns: int, pose: Sequence[float], covariance: Any, twist: Sequence[float], twist_covariance: Any
+        self, t_ns: int, pose: Sequence[float], twist: Sequence[float], covariances: tuple[Any, Any] | None = None
     ) -> None:
-        """Publish pose and twist, each with x, y and yaw, and their covariances (3, 3)."""
+        """Publish pose and twist, each with x, y and yaw, and their covariances (3, 3), where these are estimated."""
         numbers, half = self._numbers, 0.5 * pose[2]
         numbers[:2], numbers[5:7] = pose[:2], (math.sin(half), math.cos(half))
         numbers[43:45], numbers[48] = twist[:2], twist[2]
-        numbers[POSE_PLANAR], numbers[TWIST_PLANAR] = covariance.ravel(), twist_covariance.ravel()
+        if covariances is not None:
+            numbers[POSE_PLANAR], numbers[TWIST_PLANAR] = (one.ravel() for one in covariances)
         self._message.publish(t_ns)
 
 
@@ -180,7 +181,7 @@ class MotorPublishers:
         """Publish where the rover believes it is, and how sure that is."""
         (x, y, yaw), (forward, rate) = believed.pose, believed.twist
         covariances = believed.pose_covariance, believed.twist_covariance
-        self._odom.publish(t_ns, (x, y, yaw), covariances[0], (forward, 0.0, rate), covariances[1])
+        self._odom.publish(t_ns, (x, y, yaw), (forward, 0.0, rate), covariances)
         if self._transform:
             self._transform.publish(t_ns, ((x, y, 0.0), (0.0, 0.0, yaw)))
 

@@ -119,7 +119,7 @@ class OdometryNode(Node):
         assert odometry.t is not None
         t_ns = round(odometry.t * SECOND)
         covariances = odometry.pose_covariance, odometry.twist_covariance
-        self._out.publish(t_ns, odometry.pose, covariances[0], odometry.twist, covariances[1])
+        self._out.publish(t_ns, odometry.pose, odometry.twist, covariances)
         if self._transform:
             x, y, yaw = odometry.pose
             self._transform.publish(t_ns, ((x, y, 0.0), (0.0, 0.0, yaw)))

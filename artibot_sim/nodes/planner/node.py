@@ -27,10 +27,9 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 from artibot_driver.priority import take_priority
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import MOTORS, load_robot
-from artibot_sim.nodes.common.motor_publishers import MOTION
+from artibot_sim.nodes.common.motor_publishers import OdometryPublisher
 from artibot_sim.nodes.common.pacer import Seldom
 from artibot_sim.nodes.common.parameters import declare, warn_of_unknown
-from artibot_sim.nodes.common.prepared import PreparedMessage
 from artibot_sim.nodes.common.qos import LATCHED, publisher
 from artibot_sim.parameters import Spec
 from artibot_sim.planning import Plan, load_manoeuvre, plan
@@ -184,8 +183,7 @@ class PlannerNode(Node):
         self._profile = publisher(self, JointTrajectory, "planned/front_velocity", LATCHED)
         message = Odometry(child_frame_id=get("frame_prefix") + get("child_frame_id"))
         message.header.frame_id = get("frame_id")
-        self._odom = PreparedMessage(publisher(self, Odometry, "planned/odom"), message)
-        self._numbers = self._odom.numbers("pose.pose.position.x", MOTION)
+        self._odom = OdometryPublisher(publisher(self, Odometry, "planned/odom"), message)
         warn_of_unknown(self)
 
     def run(self, executor: Any) -> int:
@@ -284,10 +282,8 @@ class PlannerNode(Node):
         if t > self.plan.duration + self.settings["tail"]:
             self.finished = True
             return
-        numbers = self._numbers
-        x, y, yaw, numbers[43], numbers[48] = self._planned(t)
-        numbers[:2], numbers[5:7] = (x, y), (math.sin(yaw / 2), math.cos(yaw / 2))
-        self._odom.publish(now)
+        x, y, yaw, speed, rate = self._planned(t)
+        self._odom.publish(now, (x, y, yaw), (speed, 0.0, rate))
         if t > 0 and self._say_how_far.due():
             self.get_logger().info(f"{t:.0f} of {self.plan.duration:.0f} s")
 
