@@ -149,7 +149,8 @@ def test_a_rover_whose_back_wheels_run_away_is_not_told_to_take_a_shorter_step_f
     ends = []
     for integrator, dt in (("semi_implicit", 1e-3), ("semi_implicit", 2e-4), ("rk4", 5e-5)):
         result = rollout(robot, order, kappa=0.01, integrator=integrator, dt=dt, every=round(0.01 / dt))
-        assert result.status == Status.DIVERGED and "kappa or weaker effects before a shorter dt" in result.message
+        assert result.status == Status.DIVERGED and "kappa" in result.message
+        assert "shorter dt" not in result.message.split("kappa")[0], result.message
         ends.append(result.t[-1])
     assert np.ptp(ends) < 0.02
 

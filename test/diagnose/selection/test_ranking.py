@@ -19,6 +19,7 @@ from artibot_sim.diagnose.selection.evidence import DECADE, Evidence, others
 from artibot_sim.diagnose.selection.forward import SearchStage
 from artibot_sim.diagnose.selection.joint_fits import Rival
 from artibot_sim.diagnose.selection.ranking import ranking
+from artibot_sim.diagnose.unlisted.finding import ForceFinding
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
@@ -104,6 +105,9 @@ def test_what_has_evidence_and_is_not_named_says_why(run: Experiment) -> None:
     decision = decision_of(run, FITTED[:1])
     nothing = replace(decision, verdict=Verdict.UNEXPLAINED, named=())
     (one,) = (one for one in ranking(nothing, THRESHOLDS) if one.effect == FITTED[0])
+    assert one.note == "most of the error is left with it"
+    force = ForceFinding((), (), 1.0, (), np.zeros(5), np.zeros(5), ())
+    (one,) = (one for one in ranking(replace(nothing, unexplained=force), THRESHOLDS) if one.effect == FITTED[0])
     assert "on no list" in one.note
     small = replace(decision.stages[0].evidence[FITTED[0]], own=np.full(1, 0.05))
     stages = (replace(decision.stages[0], evidence={FITTED[0]: small}), *decision.stages[1:])
