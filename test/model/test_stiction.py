@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from model.effects import with_effects
 from model.helpers import front_commands, ramp, standstill
+from model.test_fast_equals_plain import MODES, plain_run
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import WHEELS, Mode, Status, initial_state, load_robot, rollout
@@ -18,6 +19,7 @@ from artibot_sim.model.kernels.compilation import kernel
 from artibot_sim.model.reference.contact import contact
 from artibot_sim.model.reference.effects import PlainEffects
 from artibot_sim.model.robot.derived import params
+from artibot_sim.model.simulate.batch import rollout_batch
 
 FRICTION = 0.63
 """mu_s of Agri.q."""
@@ -44,6 +46,93 @@ def test_a_rover_stands_on_any_slope_below_its_friction_angle(agriq, heading, sh
     assert np.abs(np.diff(result.pose[late], axis=0)).max() < 1e-12
     creeping = parked(on_slope(agriq, math.atan(share * FRICTION), heading), 5.0, integrator=integrator)
     assert np.abs(creeping.pose - creeping.pose[0]).max() > 0.01
+
+
+def braked_in_front(robot, duration=60.0, state=None, **options):
+    """As rovers are driven: front motors hold, back ones are under eq. 30."""
+    return rollout(robot, standstill(duration), state=state, **options)
+
+
+@pytest.mark.parametrize(("integrator", "dt"), [("rk4", 1e-3), ("rk4", 2e-4), ("semi_implicit", 2.5e-3)])
+@pytest.mark.parametrize("share", [0.3, 0.97])
+@pytest.mark.parametrize("heading", [0.0, 1.1, math.pi / 2, 2.4, math.pi])
+def test_a_rover_stands_where_front_motors_alone_hold(agriq, heading, share, integrator, dt):
+    """What eq. 30 has the back motors do and what their wheels need differ: the loss in their gears holds the rest."""
+    robot = on_slope(agriq, math.atan(share * FRICTION), heading, stiction={"length": 0.005})
+    result = braked_in_front(robot, 60.0 if dt > 5e-4 else 10.0, integrator=integrator, dt=dt)
+    assert result.status == Status.OK
+    assert np.abs(result.pose - result.pose[0]).max() < 1e-5
+    assert np.abs(np.diff(result.pose[result.t > 5.0], axis=0)).max() < 1e-12
+    assert np.abs(np.diff(result.motor_torque[result.t > 5.0], axis=0)).max() < 1e-6
+
+
+@pytest.mark.parametrize(("name", "kappa", "most"), [("epiq", 0.8, 0.7), ("epiq", 0.7, 0.844), ("agriq", 0.95, 0.848)])
+def test_how_steep_a_slope_eq_30_and_the_gears_hold(name, kappa, most):
+    """Back wheels hold (1/kappa − 1)/(eta_d eta_r) of what front ones do at most: on steeper ones these slide.
+
+    The start, which has each wheel hold by its load, is not yet that of these torques: a tenth is left for the swing.
+    """
+    robot = load_robot(name).replace({"control.kappa": kappa})
+    gear, (front, back) = robot.drive.front, (body.m + 4 * robot.wheel.m_w for body in robot.modules)
+    held, mu = min((1.0 / kappa - 1.0) / (gear.eta_d * gear.eta_r), back / front), robot.contact.mu_s
+    assert front * (1.0 + held) / (front + back) == pytest.approx(most, abs=5e-4)
+    standing, sliding = (
+        braked_in_front(on_slope(robot, math.atan(share * most * mu), math.pi, stiction={"length": 0.005}), 20.0)
+        for share in (0.9, 1.02)
+    )
+    assert np.abs(standing.pose - standing.pose[0]).max() < 2e-4
+    assert np.abs(np.diff(standing.pose[standing.t > 5.0], axis=0)).max() < 1e-9
+    assert np.abs(sliding.pose - sliding.pose[0]).max() > 1.0
+
+
+def test_a_train_stands_where_front_motors_alone_hold():
+    """Its last module has no motors: the others hold it."""
+    result = braked_in_front(on_slope(load_robot("train3"), 0.3, 0.0, stiction={"length": 0.005}))
+    assert np.abs(result.q[:, :2] - result.q[0, :2]).max() < 1e-4
+    assert np.abs(np.diff(result.q[result.t > 5.0, :2], axis=0)).max() < 1e-9
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+@pytest.mark.parametrize(("grade", "heading"), [(0.3, 0.0), (0.3, math.pi), (0.2, 1.0)])
+def test_a_rover_that_has_driven_comes_to_stand(agriq, grade, heading, integrator):
+    """Motors that are held turn by what rounding leaves: their efficiency does not flip with the sign of that."""
+    robot = on_slope(agriq, grade, heading, stiction={"length": 0.005})
+    commands = front_commands(
+        robot, lambda t: 0.3 * (ramp(t) - ramp(t - 4.0)), lambda t: 0.12 * (ramp(t) - ramp(t - 4.0)), 40.0
+    )
+    result = rollout(robot, commands, integrator=integrator)
+    late = result.t > 8.0
+    assert np.abs(result.pose[late] - result.pose[-1]).max() < 1e-6
+    assert np.abs(np.diff(result.motor_torque[late], axis=0)).max() < 1e-3
+
+
+def coming_to_rest(robot, rng):
+    """Bristles that hold too little yet, and back wheels that turn a little."""
+    start = initial_state(robot)
+    v = start.v.copy()
+    v[[14, 15]] = rng.normal(size=2)
+    return dataclasses.replace(start, v=v, bristles=0.9 * start.bristles)
+
+
+@pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
+def test_motors_that_their_gears_hold_stand_in_plain_steps_and_side_by_side_too(agriq, integrator):
+    rng, duration = np.random.default_rng(2), 0.3
+    slopes = [(0.1, 0.0), (0.3, 2.8), (0.5, 1.0), (0.4, -2.0), (0.2, math.pi)]
+    robots = [on_slope(agriq, *slope, stiction={"length": 0.005}) for slope in slopes]
+    starts, between = [coming_to_rest(robot, rng) for robot in robots], 0
+    alone = [
+        braked_in_front(robot, duration, state, integrator=integrator, dt=1e-3)
+        for robot, state in zip(robots, starts, strict=True)
+    ]
+    together = rollout_batch(robots, standstill(duration), state=starts, integrator=integrator, dt=1e-3)
+    for robot, start, one, other in zip(robots, starts, alone, together, strict=True):
+        modes, kappa = MODES["as in the paper"], robot.control.kappa
+        plain = plain_run(robot, start, standstill(duration), modes, kappa, integrator)
+        end, last = one.final_state, other.final_state
+        for found in (np.concatenate([end.q, end.v, end.eta]), np.concatenate([last.q, last.v, last.eta])):
+            np.testing.assert_allclose(found, plain[:36], rtol=1e-7, atol=1e-9)
+        between += int(((end.eta[2:] > 0.601) & (end.eta[2:] < 1.0 / 0.351)).sum())
+    assert between > 5
 
 
 @pytest.mark.parametrize("name", ["husky", "train3"])

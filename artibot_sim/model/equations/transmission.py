@@ -110,6 +110,35 @@ def drives_next(M_gear, theta_dot, rotor, inverse_eta, inverse_eta_d, eta_r, mea
 
 
 @inlined
+def impulses(M_gear, theta_dot, load, J_m, J, dt):
+    """What a gear with loss weighs over a step `dt` (s), N m s: what comes to it from the motor, and from the wheels.
+
+    Parameters
+    ----------
+    M_gear : float
+        See `driving`, N m.
+    load : float
+        tau/eta M_r, N m.
+    J_m, J : float
+        Inertias of the rotor, and of all that turns by the efficiency in use (`reflect`), kg m².
+    """
+    return M_gear * dt + J_m * theta_dot, load * dt - (J - J_m) * theta_dot
+
+
+@inlined
+def sticks(M_gear, brought, taken, inverse_eta, inverse_eta_d, eta_r):
+    """Whether a gear's own loss holds its motor at rest: neither efficiency agrees with the rotation that it leads to.
+
+    By eq. 23 a motor that drives turns the way its torque does, and one that brakes the other way. After a step under a
+    held torque the rotation has the sign of ``brought - inverse/inverse_eta taken`` (see `impulses`) for an `inverse`
+    of the efficiency. Where the least loss has it turn forth and the greatest back, both contradict eq. 23: as dry
+    friction does, a gear then takes what it needs to stand, which is between them. Inverses may have any common factor.
+    """
+    forth, back = inverse_eta * brought - eta_r * taken, inverse_eta * brought - inverse_eta_d * taken
+    return (M_gear * back <= 0.0) & (M_gear * forth > 0.0)
+
+
+@inlined
 def reflect(tau, J_m, J_w, inverse_eta):
     """Gear ratio tau/eta from wheel torque to motor torque, and inertia J_m + J_w tau²/eta (eq. 21)."""
     gear = tau * inverse_eta

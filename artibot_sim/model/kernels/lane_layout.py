@@ -119,9 +119,11 @@ _SIZES = {
     # whatever it takes to follow the command), gear ratio over efficiency, inertia and its inverse
     "GIVEN": 4, "SHARE": 1, "HELD": 4, "GEARED": 4, "INERTIA": 4, "INV_J": 4,
     # motors: speed of their wheels' rims, the sign of rolling resistance, of both wheels F_l at the rims and u F_n,
-    # drag, between what torques stay, torque now and a step before, inverse efficiency; factors of speed and angle
-    # behind the command; the lever of F_l, and whether rolling resistance is beside it
+    # drag, between what torques stay, torque now and a step before, inverse efficiency; the wheels' load on a motor,
+    # whether its gear holds it at rest, and its inverse efficiency then; factors of speed and angle behind the
+    # command; the lever of F_l, and whether rolling resistance is beside it
     "RIM": 4, "SIGN": 4, "AT_RIM": 4, "U_F_N": 4, "DRAG": 4, "LOW": 4, "HIGH": 4, "TORQUE": 4, "PREVIOUS": 4, "GEAR": 4,
+    "LOAD": 4, "STANDS": 4, "BETWEEN": 4,
     "MODE": 4, "TAU": 4, "R_W": 4, "J_M": 4, "J_W": 4, "DRIVING": 4, "BRAKING": 4, "TORQUE_MAX": 4,
     "DAMPING": 4, "STIFFNESS": 4, "LEVER": 4, "ROLLS": 4,
     # velocity loops: error of the speed, angle behind the command at the stage and at the step's start, its integral

@@ -25,9 +25,11 @@ from artibot_sim.model.equations.transmission import (
     axle_torque,
     drives_next,
     follow,
+    impulses,
     motor_equation,
     reflect,
     rolling_sign,
+    sticks,
 )
 from artibot_sim.model.kernels.compilation import inlined
 from artibot_sim.model.kernels.elementary import cubic_at, cubic_between, sincos, turn_by
@@ -119,7 +121,7 @@ def turn_motors(S, fx):
     """
     for j in range(4 * LANES):
         M_r = axle_torque(S[AT.LEVER + j], S[AT.AT_RIM + j], S[AT.ROLLS + j] * S[AT.U_F_N + j], S[AT.SIGN + j])
-        load = S[AT.GEARED + j] * M_r
+        load = S[AT.LOAD + j] = S[AT.GEARED + j] * M_r
         low, high = -S[AT.TORQUE_MAX + j], S[AT.TORQUE_MAX + j]
         if fx is not None:
             load += S[AT.DRAG + j]
@@ -152,8 +154,18 @@ def hold_motor(S, j, shared):
 
 
 @inlined
-def feed_back(S, fx):
+def feed_back(S, fx, dt):
     """What the next step takes from the start of this one: torques (eq. 30) and efficiencies (eq. 23)."""
+    stand = 0
+    for j in range(4 * LANES):
+        M_gear = S[AT.TORQUE + j] - (S[AT.DRAG + j] if fx is not None else 0.0)
+        measured = S[AT.GIVEN + j] == S[AT.GIVEN + j] and S[AT.MODE + j] == PRESCRIBED
+        brought, taken = impulses(M_gear, S[AT.V + MOTORS + j], S[AT.LOAD + j], S[AT.J_M + j], S[AT.INERTIA + j], dt)
+        stands = sticks(M_gear, brought, taken, S[AT.GEAR + j], S[AT.DRIVING + j], S[AT.BRAKING + j])
+        S[AT.STANDS + j] = 1.0 if stands and not measured else 0.0
+        stand += stands
+    if stand > 0:
+        weigh_standing(S, fx, dt)
     for j in range(4 * LANES):
         torque = S[AT.TORQUE + j]
         drag = S[AT.DRAG + j] if fx is not None else 0.0
@@ -164,6 +176,18 @@ def feed_back(S, fx):
         ) else 0.0  # fmt: skip
         S[AT.PREVIOUS + j] = torque
         S[AT.GEAR + j] = drives * S[AT.DRIVING + j] + (1.0 - drives) * S[AT.BRAKING + j]
+    if stand > 0:
+        for j in range(4 * LANES):
+            S[AT.GEAR + j] = S[AT.BETWEEN + j] if S[AT.STANDS + j] > 0.0 else S[AT.GEAR + j]
+
+
+@inlined
+def weigh_standing(S, fx, dt):
+    """Inverse efficiencies of motors that their gears hold at rest; of others it is no number of use."""
+    for j in range(4 * LANES):
+        M_gear = S[AT.TORQUE + j] - (S[AT.DRAG + j] if fx is not None else 0.0)
+        brought, taken = impulses(M_gear, S[AT.V + MOTORS + j], S[AT.LOAD + j], S[AT.J_M + j], S[AT.INERTIA + j], dt)
+        S[AT.BETWEEN + j] = S[AT.GEAR + j] * brought / taken
 
 
 @inlined
@@ -457,7 +481,7 @@ def stage(S, fx, k, s, elapsed, dt, turning, rigid=None):
             smooth_signs(S)
         turn_motors(S, fx)
         if k == 0:
-            feed_back(S, fx)
+            feed_back(S, fx, dt)
 
 
 @inlined

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.model.effects import hooks
 from artibot_sim.model.equations.dynamics import module_gravity
-from artibot_sim.model.equations.transmission import PRESCRIBED, TORQUE, drives_next, driving
+from artibot_sim.model.equations.transmission import PRESCRIBED, TORQUE, drives_next, driving, impulses, sticks
 from artibot_sim.model.kernels.compilation import inlined, kernel
 from artibot_sim.model.kernels.elementary import cubic_at, cubic_between
 from artibot_sim.model.kernels.energy import powers
@@ -18,9 +18,12 @@ from artibot_sim.model.kernels.integrators import (
     D_DDOT,
     D_DOT,
     EFFICIENCY,
+    GEAR,
     HELD,
+    INERTIA,
     TORQUE_D,
     D,
+    MotorAction,
     MotorCommands,
     accelerations,
     begin_loops,
@@ -30,7 +33,7 @@ from artibot_sim.model.kernels.integrators import (
     motor_of,
     wind_up,
 )
-from artibot_sim.model.kernels.layout import ACC, BEHIND, BETA, ENERGIES, FRONT, M_D, M_M, MEMORY, NOUGHT, ROW, Z
+from artibot_sim.model.kernels.layout import ACC, BEHIND, BETA, ENERGIES, FRONT, M_D, M_M, M_R, MEMORY, NOUGHT, ROW, Z
 from artibot_sim.model.kernels.steps import next_stage, next_stage_of_lag, semi_implicit, stage_time, stage_weight
 
 OK, DIVERGED = 0, 1
@@ -110,24 +113,35 @@ def commanded_torques(torque_d, knot, back_factor, previous, modes, hold):
 
 
 @inlined
-def feed_back(p, fx, v, w, modes, hold, eta, previous):
+def feed_back(p, fx, v, w, modes, hold, dt, eta, previous):
     """What the next step takes from this one: efficiencies (eq. 23) and the torques of eq. 30 (Fig. 7)."""
     for motor in range(motor_count(p)):
         previous[motor], c = w[M_M + motor], coordinate_of(motor)
-        drag = w[M_D + motor] if fx is not None else 0.0
-        eta[motor] = next_efficiency(motor_of(p, motor), w[M_M + motor], drag, v[c], w[ACC + c], motor, modes, hold)
+        acting = MotorAction(
+            w[M_M + motor], w[M_R + motor], w[M_D + motor] if fx is not None else 0.0, w[ACC + c], v[c]
+        )  # fmt: skip
+        eta[motor] = next_efficiency(motor_of(p, motor), acting, v[c], motor, modes, hold, dt)
 
 
 @inlined
-def next_efficiency(unit, M_m, drag, theta_dot, theta_ddot, motor, modes, hold):
-    """Efficiency of a motor for the next step (eq. 23), from its torque, `drag` (N m) and rotation in this one."""
-    through_gear, measured = M_m - drag, hold[TORQUE_D + motor] - drag
+def next_efficiency(unit, acting, theta_dot, motor, modes, hold, dt):
+    """Efficiency of a motor for the next step (eq. 23), from what it does and how it turns in this one.
+
+    It is that of a motor that drives its gear or of one that the gear brakes; of one that stands, between these.
+    """
+    through_gear, measured = acting.M_m - acting.drag, hold[TORQUE_D + motor] - acting.drag
+    eta = hold[EFFICIENCY + motor]
     if modes[motor] == PRESCRIBED and measured == measured:
         drives = drives_next(
-            through_gear, theta_dot, unit.J_m * theta_ddot, 1.0 / hold[EFFICIENCY + motor], 1.0 / unit.eta_d,
-            unit.eta_r, measured,
-        )  # fmt: skip
+            through_gear, theta_dot, unit.J_m * acting.theta_ddot, 1.0 / eta, 1.0 / unit.eta_d, unit.eta_r, measured
+        )
     else:  # one rover alone, with nothing measured, does not pay for what decides between two
+        brought, taken = impulses(
+            through_gear, theta_dot, hold[GEAR + motor] * acting.M_r, unit.J_m, hold[INERTIA + motor], dt
+        )
+        # inverses times what is positive, which spares divisions
+        if sticks(through_gear, brought, taken, unit.eta_d, eta, eta * (unit.eta_d * unit.eta_r)):
+            return eta * taken / brought
         drives = driving(through_gear, theta_dot)
     return unit.eta_d if drives else 1.0 / unit.eta_r
 
@@ -324,7 +338,7 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
                     row += 1
                 if step == steps or stopped:
                     return (STOPPED if stopped else OK), row
-                feed_back(p, fx, v, w, inputs.modes, hold, eta_next, previous)
+                feed_back(p, fx, v, w, inputs.modes, hold, dt, eta_next, previous)
             if out_e is not None and energies:
                 add_powers(q_s, v_s, p, fx, ground, w, stage_weight(k) * dt, e, pw)
             next_state(k, q, v, dt, w, q_s, v_s, first, total)
@@ -370,7 +384,7 @@ def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, m
             for i in range(16):
                 q[i], v[i] = q_old[i], v_old[i]
             break
-        feed_back(p, fx, v, w, inputs.modes, hold, eta, previous)
+        feed_back(p, fx, v, w, inputs.modes, hold, dt, eta, previous)
         if fx is not None:
             lags_after(count, memory, dt, lag)
         if out_e is not None and energies:

@@ -51,6 +51,7 @@ from artibot_sim.model.kernels.integrators import (
     TORQUE_D,
     D,
     Footing,
+    MotorAction,
     MotorCommands,
     MotorMotion,
     begin_loops,
@@ -82,6 +83,7 @@ from artibot_sim.model.kernels.layout import (
     M_D,
     M_J,
     M_M,
+    M_R,
     NOUGHT,
     PUSH,
     Q_J,
@@ -527,15 +529,15 @@ def commands_at(cubic, s, modes, drive):
 
 
 @inlined
-def feed_back(modules, fx, v, w, modes, hold, eta, previous):
+def feed_back(modules, fx, v, w, modes, hold, dt, eta, previous):
     """What the next step takes from this one: efficiencies (eq. 23) and the torques of eq. 30 (Fig. 7)."""
     for i in range(len(modules)):
         for side in range(2):
             previous[i, side], c = w[i, M_M + side], THETA_R + side
-            drag = w[i, M_D + side] if fx is not None else 0.0
-            eta[i, side] = next_efficiency(
-                motor_of(modules[i], side), w[i, M_M + side], drag, v[i, c], w[i, ACC + c], side, modes[i], hold[i]
-            )
+            acting = MotorAction(
+                w[i, M_M + side], w[i, M_R + side], w[i, M_D + side] if fx is not None else 0.0, w[i, ACC + c], v[i, c]
+            )  # fmt: skip
+            eta[i, side] = next_efficiency(motor_of(modules[i], side), acting, v[i, c], side, modes[i], hold[i], dt)
 
 
 @inlined
@@ -688,7 +690,7 @@ def train_rk4(state, modules, joints, inputs, grid, work, out, out_e, fx=None, m
                     row += 1
                 if step == steps:
                     return OK, row
-                feed_back(modules, fx, v, w, inputs.modes, hold, eta_next, previous)
+                feed_back(modules, fx, v, w, inputs.modes, hold, dt, eta_next, previous)
             if out_e is not None:
                 add_powers(q_s, v_s, modules, fx, w, stage_weight(k) * dt, e, pw)
             next_state(k, q, v, dt, w, q_s, v_s, first, total)
@@ -737,7 +739,7 @@ def train_semi_implicit(state, modules, joints, inputs, grid, work, out, out_e, 
         for i in range(len(modules)):
             for c in range(8):
                 q[i, c], v[i, c] = semi_implicit(dt, q[i, c], v[i, c], w[i, ACC + c], Z <= c <= BETA)
-        feed_back(modules, fx, v, w, inputs.modes, hold, eta, previous)
+        feed_back(modules, fx, v, w, inputs.modes, hold, dt, eta, previous)
         if fx is not None:
             for i in range(len(modules)):
                 for c in range(count):

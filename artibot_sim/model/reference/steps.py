@@ -51,13 +51,15 @@ def _hold(p: Params, state: PlainState, command: Array, back_factor: float) -> A
 
 
 def _feed_back(
-    p: Params, torque: Array, theta: Array, theta_dot: Array, theta_ddot: Array, eta: Array, modes: Sequence[Mode],
-    measured: Array, fx: PlainEffects,
+    p: Params, torque: Array, M_r: Array, theta: Array, theta_dot: Array, theta_ddot: Array, eta: Array,
+    modes: Sequence[Mode], measured: Array, fx: PlainEffects, dt: float,
 ) -> Array:  # fmt: skip
     """Eq. 23 for the next step, judged by what goes through the gear.
 
-    Of a prescribed motor with a measured torque (N m, else NaN): the one efficiency that agrees with the sign of the
-    torque that it gives; where both do or neither, that whose torque is nearer to what was measured.
+    Where both efficiencies lead, after a step under the same torques, to a rotation that contradicts them, the motor
+    stands: then it is that which brings it to rest. Of a prescribed motor with a measured torque (N m, else NaN): the
+    one efficiency that agrees with the sign of the torque that it gives; where both do or neither, that whose torque is
+    nearer to what was measured.
     """
     fresh = eta.copy()
     for i, motor in enumerate(motors_of(p)):
@@ -66,12 +68,28 @@ def _feed_back(
         by_torque = motor.eta_d if M_gear * theta_dot[i] >= 0 else 1.0 / motor.eta_r
         if modes[i] != Mode.PRESCRIBED or np.isnan(measured[i]):
             fresh[i] = by_torque
+            ahead = {
+                one: (motor.J_m + motor.J_w * motor.tau**2 / one) * theta_dot[i]
+                + dt * (M_gear - motor.tau / one * M_r[i])
+                for one in (motor.eta_d, 1.0 / motor.eta_r)
+            }
+            if M_gear * ahead[motor.eta_d] <= 0 < M_gear * ahead[1.0 / motor.eta_r]:
+                wheels = dt * motor.tau * M_r[i] - motor.J_w * motor.tau**2 * theta_dot[i]
+                fresh[i] = wheels / (dt * M_gear + motor.J_m * theta_dot[i])
             continue
         wheels = (M_gear - motor.J_m * theta_ddot[i]) * eta[i]
         given = {one: motor.J_m * theta_ddot[i] + wheels / one for one in (motor.eta_d, 1.0 / motor.eta_r)}
         agree = [one for one in given if (given[one] * theta_dot[i] >= 0) == (one == motor.eta_d)]
         fresh[i] = min(agree if len(agree) == 1 else given, key=lambda one: abs(measured[i] - drag - given[one]))
     return fresh
+
+
+def _loads(p: Params, wheels: Wheels, theta_dot: Array) -> Array:
+    """M_r of eq. 22 for all motors (4,), N m."""
+    loads = np.zeros(4)
+    for i, motor in enumerate(motors_of(p)):
+        loads[i] = load_torque(p, wheels, i, motor.tau * theta_dot[i])
+    return loads
 
 
 def _wound_up(state: PlainState, modes: Sequence[Mode], before: Array, trail: Array) -> Array:
@@ -115,7 +133,7 @@ def rk4_step(
     """
     held = _hold(p, state, command, factor)
     active = np.arange(16) < (16 if p.two else 8)
-    k_q, k_v, k_lag, torque = [], [], [], state.torque
+    k_q, k_v, k_lag, torque, M_r = [], [], [], state.torque, np.zeros(4)
     q, v, memory = state.q, state.v, state.memory
     for stage, (h, drive) in enumerate(
         zip((0.5, 0.5, 1.0, 0.0), (drives[0], drives[1], drives[1], drives[2]), strict=True)
@@ -124,7 +142,7 @@ def rk4_step(
         behind = _wound_up(state, modes, drives[0][0] - state.q[MOTOR_COLUMNS], drive[0] - q[MOTOR_COLUMNS])
         solution = solve(p, q, v, modes, drive, state.eta, held, now, memory, ground, behind)
         if stage == 0:
-            torque = solution.torque
+            torque, M_r = solution.torque, _loads(p, solution.wheels, v[MOTOR_COLUMNS])
         k_q.append(v)
         k_v.append(np.where(active, solution.acceleration, 0.0))
         k_lag.append(solution.wheels.memory_rate)
@@ -133,7 +151,7 @@ def rk4_step(
     weights = np.array([1, 2, 2, 1]) / 6 * dt
     begun = fx.with_motion(p, state.q, state.v)
     turned = state.q[MOTOR_COLUMNS], state.v[MOTOR_COLUMNS], k_v[0][MOTOR_COLUMNS]
-    eta = _feed_back(p, torque, *turned, state.eta, modes, command, begun)
+    eta = _feed_back(p, torque, M_r, *turned, state.eta, modes, command, begun, dt)
     ends = (now + weights @ np.array(k) for now, k in ((state.q, k_q), (state.v, k_v), (state.memory, k_lag)))
     new_q, new_v, new_memory = ends
     trails = drives[0][0] - state.q[MOTOR_COLUMNS], drives[2][0] - new_q[MOTOR_COLUMNS]
@@ -180,7 +198,8 @@ def semi_implicit_step(
     new_q = state.q + dt * np.where(vertical, new_v, 0.5 * (state.v + new_v))
     speeds = new_v[MOTOR_COLUMNS]
     turned = state.q[MOTOR_COLUMNS], speeds, (speeds - state.v[MOTOR_COLUMNS]) / dt
-    eta = _feed_back(p, torque, *turned, state.eta, modes, command, fx)
+    M_r = _loads(p, wheels, speeds)
+    eta = _feed_back(p, torque, M_r, *turned, state.eta, modes, command, fx, dt)
     trails = drive[0] - state.q[MOTOR_COLUMNS], drive[3] - new_q[MOTOR_COLUMNS]
     behind = _wound(fx, _wound_up(state, modes, *trails))
     return PlainState(new_q, new_v, eta, torque, state.memory + dt * wheels.memory_rate, behind)

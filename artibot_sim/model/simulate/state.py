@@ -12,15 +12,16 @@ from numpy.typing import NDArray
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.effects import record
 from artibot_sim.model.equations.kinematics import constraint_rows
+from artibot_sim.model.equations.transmission import back_torque_factor, torque_factors
 from artibot_sim.model.ground.raster import Ground, Surface, beyond, sample
 from artibot_sim.model.kernels.layout import ALPHA, BACK, BETA, GAMMA, Q_C, ROW, X, Y, Z
 from artibot_sim.model.kernels.rest import spring_forces
-from artibot_sim.model.reference.contact import contact
-from artibot_sim.model.reference.dynamics import constraint_terms
+from artibot_sim.model.reference.contact import contact, motors_of
+from artibot_sim.model.reference.dynamics import constraint_terms, load_torque
 from artibot_sim.model.reference.effects import PlainEffects
 from artibot_sim.model.reference.train import train_constraint
 from artibot_sim.model.robot.derived import packed, params, train
-from artibot_sim.model.robot.parameters import ModuleParams, Params, Train
+from artibot_sim.model.robot.parameters import ModuleParams, MotorParams, Params, Train
 from artibot_sim.model.robot.robot import Robot
 
 Array = NDArray[np.float64]
@@ -159,12 +160,15 @@ def initial_state(
 
 def at_rest_on_a_plane(robot: Robot, p: Params, pose: tuple[float, float, float], bend: float, t: float) -> State:
     """`initial_state` of a robot of one or two modules whose numbers are at hand; `bend` is its articulation yaw."""
-    q, eta = posture_at_rest(p, pose, bend), _efficiencies(robot)
+    q = posture_at_rest(p, pose, bend)
     if p.bristle <= 0.0:
-        return State(t, q, np.zeros(16), eta, np.zeros(4))
+        return State(t, q, np.zeros(16), _efficiencies(robot), np.zeros(4))
     bristles, bent = np.zeros((2, 8)), _bent_at_rest(p, q, PlainEffects(robot.effects, t))
     bristles[:, : bent.shape[1]] = bent
-    return State(t, q, np.zeros(16), eta, np.zeros(4), bristles=bristles.ravel(), windup=np.sign(bristles[0]))
+    loads = _loads_at_rest(p, q, PlainEffects(robot.effects, t), bristles)
+    motors = (p.right_front, p.left_front, p.right_back, p.left_back)
+    eta, torque = _holding(loads, motors, np.repeat([0.0, back_torque_factor(robot)], 2))
+    return State(t, q, np.zeros(16), eta, torque, bristles=bristles.ravel(), windup=np.sign(bristles[0]))
 
 
 def _efficiencies(robot: Robot) -> Array:
@@ -269,6 +273,29 @@ def _bent_at_rest(p: Params, q: Array, fx: PlainEffects) -> Array:
     return np.hstack(bent)
 
 
+def _loads_at_rest(p: Params, q: Array, fx: PlainEffects, bristles: Array) -> Array:
+    """tau M_r of motors whose wheels bent bristles (2, 8) pull at, (4,), N m."""
+    wheels = contact(p, q, np.zeros(16), fx, np.concatenate((np.zeros(8), np.sign(bristles[0]), bristles.ravel())))
+    loads = np.zeros(4)
+    for i, motor in enumerate(motors_of(p)):
+        loads[i] = motor.geared * motor.tau * load_torque(p, wheels, i, 0.0)
+    return loads
+
+
+def _holding(loads: Array, motors: Sequence[MotorParams], factors: Array) -> tuple[Array, Array]:
+    """Efficiencies and torques (N m) of motors at rest under `loads` (N m).
+
+    Those in front, the first two, hold as motors that drive do. Of the others each has eq. 30's share of these by its
+    factor, as far as its gear's own loss holds the rest: a gear stands between both efficiencies.
+    """
+    eta_d, eta_r = np.array([motor.eta_d for motor in motors]), np.array([motor.eta_r for motor in motors])
+    shared = factors * (loads[:2] / eta_d[:2]).sum()
+    needed = np.divide(shared, loads, out=np.full(len(motors), np.inf), where=loads != 0.0)
+    between = np.clip(needed, eta_r, 1.0 / eta_d)
+    between[:2] = 1.0 / eta_d[:2]
+    return np.where(between < 1.0 / eta_d, 1.0 / between, eta_d), between * loads
+
+
 def _held_downhill(p: Params, body: ModuleParams, yaw: float, F_n: Array) -> Array:
     """Forces along and across a module's wheels (2, 4), N, that hold it on its slope without turning it.
 
@@ -313,13 +340,16 @@ def _train_at_rest(robot: Robot, pose: tuple[float, float, float], bends: Array,
         level = level and q[j, Z] + joint.front.O_z == q[j + 1, Z] + joint.back.O_z
     if not level:
         _close_joints(p, q.reshape(-1))
-    eta = [eta for module in p.modules for eta in (module.right_front.eta_d, module.left_front.eta_d)]
-    bristles = np.zeros((2, 4 * modules))
+    bristles, loads = np.zeros((2, 4 * modules)), np.zeros(2 * modules)
     for i, module in enumerate(p.modules if p.modules[0].bristle > 0.0 else ()):
         at, fx = np.append(q[i], np.zeros(8)), PlainEffects(robot.effects, t).in_pair(max(i, 1)).of_module(i)
-        bristles[:, 4 * i : 4 * i + 4] = _bent_at_rest(module, at, fx)
+        bent = _bent_at_rest(module, at, fx)
+        bristles[:, 4 * i : 4 * i + 4] = bent
+        loads[2 * i : 2 * i + 2] = _loads_at_rest(module, at, fx, np.pad(bent, ((0, 0), (0, 4))))[:2]
+    motors = [motor for module in p.modules for motor in (module.right_front, module.left_front)]
+    eta, torque = _holding(loads, motors, np.repeat(torque_factors(robot), 2))
     return State(
-        t, q.reshape(-1), np.zeros(8 * modules), np.array(eta), np.zeros(2 * modules), bristles=bristles.ravel(),
+        t, q.reshape(-1), np.zeros(8 * modules), eta, torque, bristles=bristles.ravel(),
         windup=np.sign(bristles[0]),
     )  # fmt: skip
 
