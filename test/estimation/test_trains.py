@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -79,6 +81,47 @@ def test_samples_are_those_of_a_rollout_for_every_module_and_joint() -> None:
     for i, motor in enumerate(robot.motors):
         np.testing.assert_allclose(found[f"torque_{motor}"], result.motor_torque[rows, i], atol=1e-9)
     assert np.abs(result.articulations[:, -1, 0]).max() > 0.01, "the last joint must bend for this to mean anything"
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        {},
+        {"joint_friction": {"torque": 10.0}, "motor_drag": {"motor": "module_3_right", "torque": 0.2}},
+        {
+            "wheel_resistance": {"share": 0.05},
+            "torque_limit": {"front_max": 0.05},
+            "com_offset": {"x": 0.05, "y": 0.03},
+        },
+        {"tyre_relaxation": {"length": 0.3}, "velocity_filter": {"time_constant": 0.05}},
+        {"stiction": {"length": 0.02}, "com_height": {"height": 0.3}, "encoder_scale": {"scale": 1.02}},
+    ],
+    ids=lambda effects: "+".join(effects) or "none",
+)
+def test_windows_side_by_side_are_those_one_by_one(effects: dict[str, dict[str, float | str]]) -> None:
+    """Of different robots, starts and lengths, more than fill a block; with prescribed motors behind and without."""
+    robot = load_robot("train5")
+    softer = replace(robot, contact=replace(robot.contact, k_l=0.7 * robot.contact.k_l), effects=effects)
+    robots, turned = [replace(robot, effects=effects), softer], bent_table(robot)
+    free = replace(turned, modes=(Mode.PRESCRIBED,) * 2 + (Mode.TORQUE,) * (len(robot.motors) - 2))
+    t = np.arange(0.0, 0.75, 0.03)
+    names = ["x", "y", "yaw", "a_x", "yaw_rate", "articulation_yaw_4", "articulation_rate_2"]
+    names += [f"torque_{motor}" for motor in robot.motors]
+    plan = SamplingPlan(np.tile(t, len(names)), np.repeat([kind_of(name) for name in names], len(t)))
+    at = rollout(robot, Commands(0.01, turned.velocity, position=turned.position), modes=turned.modes, duration=1.2)
+    count, rows = 11, np.linspace(0, len(at.t) - 1, 11).astype(int)
+    items = Items(
+        np.arange(count) % 2, np.arange(count) % 3 % 2, np.zeros(count, np.int64), rows, 75 + np.arange(count) % 4,
+        at.q[rows], at.v[rows], 0.01 * rows,
+    )  # fmt: skip
+    windows = TrainWindows(robots, [turned, free], [plan], items, 1e-3)
+    assert not len(windows._alone)
+    together, alone = np.full((2, count, len(plan.t)), np.nan)
+    windows.run_all(0, 1, together.ravel())
+    for i in range(count):
+        windows.run(i, alone[i])
+    np.testing.assert_allclose(together, alone, rtol=0.0, atol=1e-9)
+    assert np.isfinite(alone).all()
 
 
 def test_names_of_what_is_sampled_have_numbers_of_their_own() -> None:

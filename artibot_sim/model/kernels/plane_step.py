@@ -70,9 +70,8 @@ def static_loads(body, p, fx, module, z):
 
 
 @inlined
-def module_level(body, p, fx, module, q, v):
-    """Whether a module stands level, and its wheels carry it so."""
-    b = BACK * module
+def module_level(body, p, fx, module, q, v, b):
+    """Whether a module, whose coordinates begin at `b` in q and v, stands level, and its wheels carry it so."""
     for c in (Z, ALPHA, BETA):
         if abs(v[b + c]) > _STILL or (c != Z and abs(q[b + c]) > _STILL):
             return False
@@ -88,12 +87,17 @@ def module_level(body, p, fx, module, q, v):
 @inlined
 def level(p, fx, q, v):
     """Whether a rover at q and v (16,) moves on a plane only."""
-    if not module_level(p.front, p, fx, FRONT, q, v):
+    if not module_level(p.front, p, fx, FRONT, q, v, 0):
         return False
     if not p.two:
         return True
-    coplanar = p.front.O_z == 0.0 and p.back.O_z == 0.0 and abs(q[Z] - q[BACK + Z]) < _STILL
-    return coplanar and module_level(p.back, p, fx, BEHIND, q, v)
+    return coplanar(p, q[Z], q[BACK + Z]) and module_level(p.back, p, fx, BEHIND, q, v, BACK)
+
+
+@inlined
+def coplanar(p, ahead, behind):
+    """Whether the joint of `p` lies in the plane of its modules' origins, which are at heights `ahead` and `behind`."""
+    return p.front.O_z == 0.0 and p.back.O_z == 0.0 and abs(ahead - behind) < _STILL
 
 
 @inlined

@@ -1,23 +1,26 @@
-"""Windows of robots of three modules or more: what `windows.WindowBatch` runs for them, one by one.
+"""Windows of robots of three modules or more: what `windows.WindowBatch` runs for them.
 
-Trains have no lanes. Each window is a rollout of its own by the loops of `kernels.train_loop`, with the semi-implicit
-integrator: free wheels of a passive module, which RK4 follows in steps of half a millisecond, are implicit there.
-What sensors see is sampled as of two modules, pair by pair: each module with the one behind it.
+All are rollouts with the semi-implicit integrator: free wheels of a passive module, which RK4 follows in steps of half
+a millisecond, are implicit there. Trains that stay on a plane run side by side in the processor's vector units
+(`kernels.train_lanes`); the others, those with laws, with motors that have velocity loops, and those of which it is
+asked how wheels slide or grip, one by one by `kernels.train_loop`. Both give the same to rounding. What sensors see is
+sampled as of two modules, pair by pair: each module with the one behind it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.analysis.stability import largest_step, parts
-from artibot_sim.model.effects import records
-from artibot_sim.model.equations.transmission import torque_factors
+from artibot_sim.model.effects import RECORD_DTYPE, has_laws, records
+from artibot_sim.model.equations.transmission import DRIVEN, PRESCRIBED, torque_factors
+from artibot_sim.model.kernels.lane_layout import EFFECT_VALUES, EXTENDED, extension, flat
 from artibot_sim.model.kernels.layout import (
     ACC,
     BACK,
@@ -54,12 +57,22 @@ from artibot_sim.model.robot.parameters import Train
 from artibot_sim.model.robot.robot import Robot
 from artibot_sim.model.simulate import trains
 from artibot_sim.model.simulate.sensors import sensor_errors
-from artibot_sim.model.simulate.window_inputs import OF_MODULE, OF_TWO, Items, MotorTable, SamplingPlan, longest_step
+from artibot_sim.model.simulate.window_inputs import (
+    OF_MODULE,
+    OF_TWO,
+    Items,
+    MotorTable,
+    SamplingPlan,
+    kind_of,
+    longest_step,
+)
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 _AS_BACK = np.array([3, 9, 12, 13])
 """Which kinds they are of the module that stands in the back one's place."""
+_OF_WHEELS = [kind_of("sliding"), kind_of("grip")]
 _STEPS = (1e-3, 5e-4, 2.5e-4, 1e-4, 5e-5)
 """s: where wheels hold, paths by the first are those by short steps of RK4 within a millimetre in 5 s (tests)."""
 
@@ -109,7 +122,7 @@ class Prepared:
 
 
 class TrainWindows:
-    """Some windows of trains, to be run in any order and from several threads.
+    """Some windows of trains, to be run by several threads.
 
     Parameters
     ----------
@@ -132,16 +145,110 @@ class TrainWindows:
         dt: float,
     ) -> None:
         self._robots, self._tables, self._plans, self._items, self._dt = robots, tables, plans, items, dt
+        self._ends = np.cumsum([len(plans[plan].t) for plan in items.plan])
         wanted = sorted({(int(r), int(t)) for r, t in zip(items.robot, items.table, strict=True)})
-        alike: dict[tuple[Any, ...], Prepared] = {}
-        self._prepared: dict[tuple[int, int], Prepared] = {}
+        numbers: dict[tuple[Any, ...], int] = {}
+        self._every: list[Prepared] = []
+        self._number: dict[tuple[int, int], int] = {}
         for r, t in wanted:
             key = (r, tables[t].modes, tables[t].kappa)
-            if key not in alike:
-                alike[key] = Prepared.of(robots[r], tables[t], dt)
-            self._prepared[r, t] = alike[key]
+            if key not in numbers:
+                numbers[key] = len(self._every)
+                self._every.append(Prepared.of(robots[r], tables[t], dt))
+            self._number[r, t] = numbers[key]
         self._sides = trains.sides(robots[0])
         self._laid_out = [self._by_module(table) for table in tables]
+        self._groups, self._alone, self._work = self._side_by_side()
+
+    def run_all(self, part: int, parts: int, out: Array) -> None:
+        """A thread's part of all items: what their plans ask for, item after item, into `out`."""
+        from artibot_sim.model.kernels import train_lanes
+
+        modules = len(self._robots[0].modules)
+        samples = max((len(plan.t) for plan in self._plans), default=0)
+        for group in self._groups:
+            buffer = train_lanes.buffers(modules, int(self._items.knots[group.order[0]]) + 1, samples)
+            fx = EXTENDED[group.extended - 1] if group.extended else None
+            train_lanes.run_trains(
+                self._work, group.order, part, parts, group.dt, group.steps, group.free, buffer, out, fx
+            )
+        for i in self._alone[part::parts]:
+            self.run(int(i), out[self._ends[i] - len(self._plans[self._items.plan[i]].t) : self._ends[i]])
+
+    def _side_by_side(self) -> tuple[list[_Group], Indices, Any]:
+        """Items that can share a block, those with most knots first; the others; what compiled code takes of all."""
+        from artibot_sim.model.kernels import train_lanes
+
+        items, every = self._items, self._every
+        robot = np.array([self._number[r, t] for r, t in zip(items.robot.tolist(), items.table.tolist(), strict=True)])
+        own = np.zeros(len(every), np.int64)
+        for (r, _), number in self._number.items():
+            own[number] = r
+        kinds = [(self._robots[r].effects, of) for r, of in zip(own.tolist(), every, strict=True)]
+        lawless = np.array([not has_laws(effects) and DRIVEN not in of.modes for effects, of in kinds])
+        if not lawless.any():
+            return [], np.arange(len(items)), None
+        work = self._work_of(robot, lawless)
+        extended = np.array([len(extension(effects) or ()) for effects, _ in kinds])
+        level = np.zeros(len(items), bool)
+        for rows, fx in ((extended[robot] == 0, None), (extended[robot] > 0, self._effects(lawless))):
+            rows = rows & lawless[robot]
+            if rows.any():
+                some = np.zeros(int(rows.sum()), bool)
+                mine = work._replace(robot=work.robot[rows], q=work.q[rows], v=work.v[rows])
+                train_lanes.find_level(mine, fx, some)
+                level[rows] = some
+        wheels = np.array([bool(np.isin(plan.kind, _OF_WHEELS).any()) for plan in self._plans])
+        together = level & ~wheels[items.plan]
+        free = [tuple((of.modes.reshape(-1, 2) != PRESCRIBED).any(axis=1)) for of in every]
+        spacing = [table.dt for table in self._tables]
+        groups: dict[tuple[Any, ...], list[int]] = {}
+        for i in np.flatnonzero(together).tolist():
+            of = int(robot[i])
+            key = (spacing[items.table[i]], every[of].parts, free[of], int(extended[of]))
+            groups.setdefault(key, []).append(i)
+        found = []
+        for (h, cut, moves, version), rows in groups.items():
+            mine = np.array(rows)
+            order = mine[np.argsort(-items.knots[mine], kind="stable")]
+            steps = round(h / self._dt) * cut
+            found.append(_Group(order, self._dt / cut, steps, np.array(moves), version))
+        return found, np.flatnonzero(~together), work
+
+    def _effects(self, lawless: NDArray[np.bool_]) -> NDArray[Any]:
+        """Effects of all prepared robots (p, modules); neutral ones where they have none, or laws."""
+        found = np.zeros((len(self._every), len(self._robots[0].modules)), RECORD_DTYPE)
+        for row, of, plain in zip(found, self._every, lawless, strict=True):
+            if of.fx is not None and plain:
+                row[:] = of.fx
+        return found
+
+    def _work_of(self, robot: Indices, lawless: NDArray[np.bool_]) -> Any:
+        """All that lanes need, for items of which the prepared robots are `robot`."""
+        from artibot_sim.model.kernels.train_lanes import TrainItems
+
+        items, every, modules = self._items, self._every, len(self._robots[0].modules)
+        memory = np.zeros((len(items), modules, MEMORY // 2))
+        if items.memory is not None:
+            memory = np.concatenate(items.memory.reshape(len(items), 4, modules, 4).transpose(1, 0, 2, 3), axis=-1)
+        position, velocity, torque, late_angle, late_speed = (
+            np.concatenate([table[k].transpose(1, 0, 2).reshape(-1, 2 * modules) for table in self._laid_out])
+            for k in range(5)
+        )
+        begin = np.cumsum([0, *(len(table.position) for table in self._tables)])
+        pairs, orders, kinds = _by_pairs(self._plans, modules)
+        sizes = np.array([len(plan.t) for plan in self._plans])
+        at = np.concatenate([plan.t[order] for plan, order in zip(self._plans, orders, strict=True)])
+        effects = flat(self._effects(lawless)).reshape(len(every), modules, EFFECT_VALUES)
+        states = [_real(array).reshape(-1, modules, 8) for array in (items.q, items.v)]
+        return TrainItems(
+            np.array([of.modules for of in every]), np.array([of.joints for of in every]),
+            np.array([of.eta.ravel() for of in every]), effects, np.concatenate([of.sensors for of in every]),
+            np.array([of.modes for of in every]), np.array([of.factors for of in every], dtype=float), position,
+            velocity, torque, late_angle, late_speed, robot, begin[items.table] + items.first, _whole(items.knots),
+            states[0], states[1], _real(items.t), memory, _whole(items.plan), pairs, at, np.concatenate(kinds),
+            np.concatenate(orders), self._ends - sizes[items.plan],
+        )  # fmt: skip
 
     def _by_module(self, table: MotorTable) -> tuple[Array, ...]:
         """Position, velocity and torque of a table, and its `behind`, by module, (modules, knots, 2) each."""
@@ -161,7 +268,8 @@ class TrainWindows:
         from artibot_sim.model.kernels import train_loop
 
         items, table = self._items, self._tables[self._items.table[i]]
-        of, plan = self._prepared[int(items.robot[i]), int(items.table[i])], self._plans[items.plan[i]]
+        of = self._every[self._number[int(items.robot[i]), int(items.table[i])]]
+        plan = self._plans[items.plan[i]]
         first, knots, modules = int(items.first[i]), int(items.knots[i]), len(of.modules)
         turned, pulled, trailing = of.sensors[0, [ENCODER_SCALE, TORQUE_SCALE, VELOCITY_FILTER]]
         position, velocity, torque, *late = (
@@ -195,14 +303,47 @@ class TrainWindows:
             _sample(rows, modules, table.dt, kept, plan, of.sensors, out)
 
 
+class _Group(NamedTuple):
+    """Items that run side by side: which, their step (s), steps a knot, `free` modules, and version of the model."""
+
+    order: Indices
+    dt: float
+    steps: int
+    free: NDArray[np.bool_]
+    extended: int
+
+
+def _pair_of(kind: Indices) -> Indices:
+    """The pair of neighbours that each kind is sampled of, counted from the front."""
+    return np.asarray(np.maximum(kind - OF_TWO, -1) // len(OF_MODULE) + 1)
+
+
+def _two_modules_kind(kind: Indices) -> Indices:
+    """What each kind is of a robot of the two modules of its pair."""
+    return np.where(kind < OF_TWO, kind, _AS_BACK[(kind - OF_TWO) % len(OF_MODULE)])
+
+
+def _by_pairs(plans: Sequence[SamplingPlan], modules: int) -> tuple[Indices, list[Indices], list[Indices]]:
+    """Plans pair by pair, one after the other: where pairs begin and end, the order within each plan, and the kinds."""
+    starts, orders, kinds, begin = np.zeros((len(plans), modules), np.int64), [], [], 0
+    for row, plan in zip(starts, plans, strict=True):
+        pair = _pair_of(plan.kind)
+        order = np.argsort(pair, kind="stable")
+        row[:] = begin + np.searchsorted(pair[order], np.arange(modules))
+        orders.append(order)
+        kinds.append(_two_modules_kind(plan.kind)[order])
+        begin += len(order)
+    return starts, orders, kinds
+
+
 def _sample(rows: RowTables, modules: int, h: float, kept: int, plan: SamplingPlan, sensors: Array, out: Array) -> None:
     """Samples of a plan into `out`, from `kept` rows `h` (s) apart, pair of modules by pair."""
-    behind = np.maximum(plan.kind - OF_TWO, -1) // len(OF_MODULE) + 1
+    behind, kinds = _pair_of(plan.kind), _two_modules_kind(plan.kind)
     for pair in range(modules - 1):
         mine = np.flatnonzero(behind == pair)
         if not len(mine):
             continue
-        kind = plan.kind[mine] if pair == 0 else _AS_BACK[(plan.kind[mine] - OF_TWO) % len(OF_MODULE)]
+        kind = kinds[mine]
         seen = np.full(len(mine), np.nan)
         flat = _pair(rows, pair, modules, kept).ravel()
         sample(flat, h, kept, True, plan.t[mine], kind, sensors, 0, seen)
@@ -252,3 +393,13 @@ def train_step(robot: Robot, tables: Sequence[MotorTable]) -> float:
         f"robot '{robot.name}': the integrator is stable up to {limit:.2g} s only, too little for fitting; "
         "check its masses, inertias and slip coefficients"
     )
+
+
+def _whole(values: Indices) -> Indices:
+    """A copy that compiled code takes whatever it was."""
+    return np.array(values, dtype=np.int64, order="C")
+
+
+def _real(values: Array) -> Array:
+    """Numbers as compiled code takes them: float64, contiguous."""
+    return np.array(values, dtype=np.float64, order="C")

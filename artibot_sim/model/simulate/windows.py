@@ -397,7 +397,8 @@ class WindowBatch:
         ends = np.cumsum(self._plan_table.sizes[items.plan])
         out = np.full(int(ends[-1]) if len(ends) else 0, math.nan)
         if robots[0].trailing:
-            self._run_trains(robots, items, ends, out)
+            trains = TrainWindows(robots, self.tables, self.plans, items, self.dt)
+            in_threads(lambda part, parts: trains.run_all(part, parts, out), self.workers or available_cores())
             return out
         free = self._knots.free if any(robot.articulated for robot in robots) else self._knots.front_free
         fleet = Fleet.of(robots, self.tables, bool(free.any()))
@@ -441,16 +442,6 @@ class WindowBatch:
     def _fastest(self) -> float:
         """The highest speed of a motor, rad/s."""
         return float(np.nanmax(np.abs(self._knots.velocity), initial=0.0))
-
-    def _run_trains(self, robots: Sequence[Robot], items: Items, ends: Indices, out: Array) -> None:
-        """All items of robots of three modules or more, one by one."""
-        trains = TrainWindows(robots, self.tables, self.plans, items, self.dt)
-
-        def run(part: int, parts: int) -> None:
-            for i in range(part, len(items), parts):
-                trains.run(i, out[ends[i] - len(self.plans[items.plan[i]].t) : ends[i]])
-
-        in_threads(run, self.workers or available_cores())
 
     def _groups(self, fleet: Fleet, items: Items, rows: Indices) -> Iterator[_Group]:
         """Items that can share a block: those with most knots first."""
