@@ -131,7 +131,7 @@ class Checkpoints:
             shutil.rmtree(self.folder, ignore_errors=True)
 
     @contextmanager
-    def told(self, tell: Callable[[str], None]) -> Iterator[None]:
+    def announced(self, tell: Callable[[str], None]) -> Iterator[None]:
         """Within, `tell` says what is kept when Ctrl-C or a signal ends the computation, and which one was killed.
 
         A signal that asks for the end (SIGTERM, SIGHUP) ends the process with 128 and its number, as shells have it.

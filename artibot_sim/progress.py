@@ -116,12 +116,12 @@ class Bar:
         return lambda share: self.show(begin + size * min(max(share, 0.0), 1.0))
 
     def stages(self, size: float) -> Callable[[float, str], None]:
-        """Begin the next part of the work, of this size, whose stages name themselves as they are told."""
-        told = self.stage(self._what, size)
+        """Begin the next part of the work, of this size, whose stages name themselves as they are reported."""
+        report = self.stage(self._what, size)
 
         def show(share: float, what: str) -> None:
             self._what = what
-            told(share)
+            report(share)
 
         return show
 

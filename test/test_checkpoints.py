@@ -110,7 +110,7 @@ def test_who_was_killed_is_told(tmp_path: Path, pid: int, left: str | None, told
 def test_who_computes_says_so_and_takes_it_back_at_the_end(tmp_path: Path) -> None:
     parts, said = Checkpoints(tmp_path / "kept"), []
     running = tmp_path / "kept" / "running"
-    with pytest.raises(ArtibotError), parts.told(said.append):
+    with pytest.raises(ArtibotError), parts.announced(said.append):
         parts.begin("a")
         assert json.loads(running.read_text())["pid"] == os.getpid()
         raise ArtibotError("unusable")

@@ -86,7 +86,7 @@ def command(given: GivenRecordings, robot: str, out: Path, scheduler: str | None
         scheduler=scheduler and check_address(scheduler), parts=parts,
         **{name: value for name, value in asked.items() if value is not None},
     )  # fmt: skip
-    with parts.told(partial(click.echo, err=True)), Bar(total=1.0 + _READING * given.count, kept=True) as bar:
+    with parts.announced(partial(click.echo, err=True)), Bar(total=1.0 + _READING * given.count, kept=True) as bar:
         used, held = given.read(rover, bar, _READING)
         found = diagnose(used, rover, holdout=held, options=options, progress=bar.stages(1.0))
     write_folder(out, files_of(found, page_of(found, __version__)))

@@ -24,8 +24,6 @@ from artibot_sim.model.robot.robot import unchecked
 # ----------------------------------------------------------------------
 
 
-EFFECT_STEP = 0.02
-"""Change of a coordinate for its finite difference."""
 SPREAD = 1.5
 """Standard deviation of a coordinate's prior: effects are about as large as what is plain, or a few times so."""
 _FARTHEST = 12.0

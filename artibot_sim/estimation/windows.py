@@ -63,7 +63,7 @@ _SD = {
 }  # fmt: skip
 """Standard deviations of the measured start. A window's own samples correct it, so these are wide; the heading's in
 particular, which an integrated gyroscope would tie to its bias."""
-_BLIND = {"forward": 0.2, "left": 0.2, "yaw_rate": 0.3, "articulation": 0.5, "articulation_rate": 0.5, "yaw": 1.0}
+_UNMEASURED = {"forward": 0.2, "left": 0.2, "yaw_rate": 0.3, "articulation": 0.5, "articulation_rate": 0.5, "yaw": 1.0}
 """Standard deviations of those parts of a start that nothing measures."""
 
 
@@ -129,9 +129,14 @@ def start_of(
     if behind is not None:
         mean = np.append(mean, behind.T.ravel())
     mean, sizes = mean[: len(names)], _of_first(names)
-    blind = ~np.isfinite(mean) | np.array([name in poor for name in names])
+    unmeasured = ~np.isfinite(mean) | np.array([name in poor for name in names])
     usual = _SD | dict(known or {})
-    sd = np.array([_BLIND.get(name, usual[name]) if b else usual[name] for name, b in zip(sizes, blind, strict=True)])
+    sd = np.array(
+        [
+            _UNMEASURED.get(name, usual[name]) if none else usual[name]
+            for name, none in zip(sizes, unmeasured, strict=True)
+        ]
+    )
     turn = np.eye(len(names))
     turn[3, 2], turn[4, 2] = -np.nan_to_num(left), np.nan_to_num(forward)
     state = start_state(robot, motion, angles, speeds, behind=behind)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.experiment.columns import SEGMENT_GAP, Channel, Experiment
+from artibot_sim.experiment.columns import SEGMENT_GAP, Channel, Experiment, silences
 from artibot_sim.experiment.inputs import MOTOR_GAP, is_stretch, unbroken
 from artibot_sim.experiment.messages import MANY_ROWS, READABLE
 from artibot_sim.experiment.naming import names_of
@@ -22,8 +22,6 @@ from artibot_sim.model import MOTORS, load_robot
 from artibot_sim.progress import Report
 from artibot_sim.resources import config_names
 
-_GAP_PERIODS = 8.0
-"""A silence of so many usual periods, and of more than SEGMENT_GAP, is a gap."""
 _FEW = 20
 """Samples from which on a share of held values means anything."""
 _STANDSTILL = 3.0
@@ -245,7 +243,7 @@ def _measured_view(view: TopicView, channel: Channel, segments: Sequence[tuple[f
     if view.ros_type in MANY_ROWS:
         return replace(view, columns=columns)
     rate, distinct = _rates(channel, columns, segments)
-    return replace(view, rate=rate, distinct=distinct, gaps=_gaps(channel, segments), columns=columns)
+    return replace(view, rate=rate, distinct=distinct, gaps=tuple(silences(channel, segments)), columns=columns)
 
 
 def _rates(channel: Channel, columns: Sequence[str], segments: Sequence[tuple[float, float]]) -> tuple[float, float]:
@@ -283,18 +281,6 @@ def _changes(name: str, t: np.ndarray, values: np.ndarray) -> tuple[int, float]:
     if name.endswith(_RATES):
         still &= values[starts] == 0.0
     return len(at), float(runs[~still].sum())
-
-
-def _gaps(channel: Channel, segments: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
-    """Return start and length (s) of a topic's silences within segments."""
-    usual = float(np.median(np.diff(channel.t))) if len(channel) > 2 else 0.0
-    found = []
-    for first, last in segments:
-        t = channel.t[(channel.t >= first - 1e-6) & (channel.t <= last + 1e-6)]
-        step = np.diff(t)
-        far = np.flatnonzero(step > max(SEGMENT_GAP, _GAP_PERIODS * usual))
-        found += [(float(t[i]), float(step[i])) for i in far]
-    return tuple(found)
 
 
 # ----------------------------------------------------------------------
@@ -398,7 +384,7 @@ class _Together:
             t, _ = place.between(first, last).series("x")
             if len(t) < _POSITIONS:
                 continue
-            gaps = _gaps(place, [(float(t[0]), float(t[-1]))])
+            gaps = silences(place, [(float(t[0]), float(t[-1]))])
             starts = [float(t[0]), *(start + length for start, length in gaps)]
             parts += zip(starts, [*(start for start, _ in gaps), float(t[-1])], strict=True)
         return _Together(tuple(spans), tuple(stretches), tuple(parts))
@@ -416,7 +402,9 @@ class _Together:
         """What keeps everything from being predicted."""
         motors, place = experiment.channels["motor_torques"].topic, _place(experiment).topic
         if not self.stretches:
-            return [f"motors without gaps: {motors} {self._motor_gaps(experiment)}, and no half a second without one"]
+            return [
+                f"motors without gaps: {motors} {self._motorsilences(experiment)}, and no half a second without one"
+            ]
         if not self.parts:
             return [f"{place} and {motors} at the same time (stamps of two clocks?)"]
         return []
@@ -426,7 +414,7 @@ class _Together:
         motors, place = experiment.channels["motor_torques"].topic, _place(experiment).topic
         longest = max(last - first for first, last in self.parts)
         several = len(self.spans) > 1
-        causes = [f"{motors} {self._motor_gaps(experiment)}"] if several else []
+        causes = [f"{motors} {self._motorsilences(experiment)}"] if several else []
         silent = _length(self.stretches) - self.seconds
         if silent > SEGMENT_GAP:
             causes.append(f"{place} is missing for {silent:.1f} s{' between these' if several else ''}")
@@ -436,7 +424,7 @@ class _Together:
             f"{longest:.1f} s at a time at most{said}"
         )
 
-    def _motor_gaps(self, experiment: Experiment) -> str:
+    def _motorsilences(self, experiment: Experiment) -> str:
         return f"has {len(self.spans) - 1} gaps of more than {MOTOR_GAP:g} s in {experiment.duration:.0f} s"
 
 

@@ -235,16 +235,6 @@ def frame_of(line: str) -> CanFrame | None:
     )
 
 
-def line_of(frame: CanFrame, channel: str = "can0") -> str:
-    """A frame as candump writes it to a log, microseconds in its stamp."""
-    number = frame.can_id | (_ERROR if frame.is_error else 0)
-    width = 8 if frame.is_extended or frame.is_error else 3
-    data = f"R{frame.dlc or ''}" if frame.is_remote else frame.data.hex().upper()
-    longer = f"_{frame.dlc:X}" if len(frame.data) == LONGEST < frame.dlc else ""
-    sec, rest = divmod(frame.stamp_ns // 1000, 1_000_000)
-    return f"({sec}.{rest:06d}) {channel} {number:0{width}X}#{data}{longer}"
-
-
 def iter_candump(lines: Iterable[str], name: str) -> Iterator[CanFrame]:
     """Stream the frames of a log's lines; empty lines, comments (`#`) and CAN FD frames are passed over.
 

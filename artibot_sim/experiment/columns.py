@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 SEGMENT_GAP = 0.5
 """Silence of all measured topics, in s, after which a new segment begins."""
+SILENT_PERIODS = 8.0
+"""Usual periods of one topic for which it is silent where that is said."""
 
 
 def read_only(values: ArrayLike, dtype: type = float) -> NDArray:
@@ -185,3 +187,15 @@ def find_segments(stamps: Stamps, start_ns: int, gap: float = SEGMENT_GAP) -> tu
     return tuple(
         ((a - start_ns) / 1e9, (b - start_ns) / 1e9) for a, b in zip(firsts.tolist(), lasts.tolist(), strict=True)
     )
+
+
+def silences(channel: Channel, segments: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Start and length (s) of a topic's silences within segments: of SILENT_PERIODS usual periods, and SEGMENT_GAP."""
+    usual = float(np.median(np.diff(channel.t))) if len(channel) > 2 else 0.0
+    found = []
+    for first, last in segments:
+        t = channel.t[(channel.t >= first - 1e-6) & (channel.t <= last + 1e-6)]
+        step = np.diff(t)
+        far = np.flatnonzero(step > max(SEGMENT_GAP, SILENT_PERIODS * usual))
+        found += [(float(t[i]), float(step[i])) for i in far]
+    return found

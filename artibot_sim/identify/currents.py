@@ -46,7 +46,7 @@ _FOR_A_SECOND = 0.05
 _SHARE = 0.25
 """Share of how currents vary that torques explain at least, or currents say nothing of them."""
 _EACH = 0.1
-"""The same of each motor by itself."""
+"""Share of how the current of one motor varies that its torque explains at least."""
 _FEWEST = 60
 """Samples without which nothing is said."""
 _TURNING = 0.2

@@ -16,7 +16,7 @@ from artibot_sim.model.effects import EFFECTS
 _SPREAD = {"contact": 0.4, "wheel.r_w": 0.05}
 """Standard deviation of the prior over its middle, by key or by section; a guess in a robot file is a wide prior."""
 _MASS_SPREAD = 0.3
-"""The same of a module's mass."""
+"""Standard deviation of the prior of a module's mass, over its middle."""
 _GEOMETRY_SPREAD = 0.15
 _BEFOREHAND = ("assumed", "inferred", "datasheet", "stated")
 """Sources of numbers that no recording was asked for yet."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from artibot_sim.nodes.common.process import LoopNode, built, destroyed, events_executor, ros_process, run_loop
+from artibot_sim.nodes.common.process import LoopNode, built, run_events, run_loop
 
 Overrides = dict[str, Any]
 """Parameters of a node by name; they win over those in the arguments for ROS, which come with their markers."""
@@ -44,13 +44,10 @@ def run_planner(overrides: Overrides, ros_args: Sequence[str] = ()) -> int:
     ArtibotError
         When a parameter, robot or manoeuvre is refused, or nobody listens.
     """
-    with ros_process("planner", ros_args) as asked:
+
+    def make(asked: list[int]) -> Any:
         from artibot_sim.nodes.planner.node import PlannerNode
 
-        with destroyed(built(PlannerNode, overrides, asked)) as node:
-            executor = events_executor()
-            executor.add_node(node)
-            try:
-                return int(node.run(executor))
-            finally:
-                executor.shutdown()
+        return built(PlannerNode, overrides, asked)
+
+    return run_events("planner", ros_args, make)

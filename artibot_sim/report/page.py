@@ -161,27 +161,6 @@ def _differences(values: Sequence[Any]) -> dict[str, list[int | None]] | None:
     return None
 
 
-def expanded(data: Any) -> Any:
-    """What `compact` was given."""
-    if isinstance(data, list):
-        return [expanded(value) for value in data]
-    if not isinstance(data, Mapping):
-        return data
-    if "~" not in data:
-        return {key: expanded(value) for key, value in data.items()}
-    (decimals, *steps), at, values = data["~"], 0, []
-    for step in steps:
-        at += step or 0
-        values.append(None if step is None else at / 10.0**decimals)
-    return values
-
-
-def data_of(page: str) -> Any:
-    """What a page's script draws from, read back out of its text."""
-    inside = page.partition('<script type="text/plain" id="data">')[2].partition("</script>")[0]
-    return expanded(json.loads(zlib.decompress(base64.b85decode(inside.replace(",", "<")))))
-
-
 def filled(text: str, parts: Mapping[str, str]) -> str:
     """Return a text with @NAME@ replaced; what is put in is not looked at again."""
     return re.sub("@([A-Z]+)@", lambda match: parts[match[1]], text)

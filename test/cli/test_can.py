@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from bag_helpers import EPOCH, small_bag
+from candump import line_of
 
 from artibot_driver.config import config_from_parameters
 from artibot_driver.dbc import dbc_text
@@ -20,7 +21,7 @@ from artibot_driver.frames import Frame, NmtCommand, nmt
 from artibot_driver.rig import load_rig
 from artibot_sim.cli import main
 from artibot_sim.experiment import BagWriter
-from artibot_sim.experiment.can_frames import CAN_QOS, CanFrame, encode_frame, line_of
+from artibot_sim.experiment.can_frames import CAN_QOS, CanFrame, encode_frame
 from artibot_sim.experiment.messages import CAN_FRAME
 from ros_helpers import ROOT
 

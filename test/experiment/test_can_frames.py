@@ -9,6 +9,7 @@ import can
 import numpy as np
 import pytest
 from bag_helpers import EPOCH, JOINTS, joint_state, mcap_file
+from candump import line_of
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
@@ -28,7 +29,6 @@ from artibot_sim.experiment.can_frames import (
     is_candump,
     iter_candump,
     iter_frames,
-    line_of,
 )
 from artibot_sim.experiment.messages import CAN_FRAME, definition, header, serialize
 

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from report_helpers import circle, recording
+from report_helpers import circle, data_of, expanded, recording
 
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import MOTORS, Robot
 from artibot_sim.report.figures import experiment_figure
-from artibot_sim.report.page import compact, data_of, expanded, render_page
+from artibot_sim.report.page import compact, render_page
 from artibot_sim.report.panels import Figure
 from artibot_sim.report.web import MOST_POINTS, chart, numbers, thinned
 

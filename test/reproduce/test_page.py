@@ -10,9 +10,9 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from report_helpers import data_of
 
 from artibot_sim.cli import main
-from artibot_sim.report.page import data_of
 from artibot_sim.reproduce import section3, section5, section6, section7
 from artibot_sim.reproduce.page import _chart, lines, render, render_sheet, render_summary
 from artibot_sim.reproduce.result import Section

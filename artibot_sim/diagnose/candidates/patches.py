@@ -419,7 +419,7 @@ def _tried(problem: Problem, fit: Fit, which: int, rng: np.random.Generator) -> 
     """Discs (n, 3) around the fitted one, which is the first, and their losses (n, windows + 1); none for others.
 
     Each round is drawn from the normal distribution of the discs that explained most, correlations and all: a disc that
-    is larger and farther off touches nearly the same wheels, so the loss is a narrow valley askew to x, y and radius.
+    is larger and farther off touches nearly the same wheels, so the loss is a narrow ridge oblique to x, y and radius.
     """
     extension = problem.parameters.extensions[which]
     here = np.array([float(extension.fixed[name]) for name in extension.search.disc])

@@ -33,7 +33,7 @@ _SHARE = 0.5
 _RELATIVE = 0.01
 """Noise of torques relative to them, and of a limit found."""
 _UNKNOWN = 0.05
-"""The same where too few samples tell it."""
+"""Noise of torques relative to them where too few samples tell it."""
 _SLOPES = (0.0, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0, 1.3, 1.7, 2.3, 3.0, 4.0)
 """Slopes that are tried, over that of a line on which the largest torque is lost at the fastest speed. The last is for
 limits reached at high speeds only: four fifths of the torque at rest are lost there. Steeper is a ceiling of speeds."""

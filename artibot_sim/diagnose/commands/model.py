@@ -179,7 +179,7 @@ def predicted_speeds(data: CommandData, response: CommandResponse, speed: Array 
 
 
 def _set_speeds(data: CommandData, response: CommandResponse, speed: Array | None) -> Array:
-    """The same of motors that never fall short of what their loops are asked for."""
+    """Speeds that a response predicts of motors which never fall short of what their loops are asked for."""
     speed = followed(data.command, response, data.begins) if speed is None else speed
     speed = speed if data.rise else lagging(speed, response.filter)
     at = np.clip(data.at - (response.delay + response.clock) / H, 0.0, len(speed) - 1.000001)

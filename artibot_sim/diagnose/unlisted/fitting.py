@@ -91,7 +91,7 @@ def _places(modules: int) -> dict[str, str]:
 
 @cache
 def _variables(modules: int) -> dict[str, str]:
-    """The same of what it follows."""
+    """Words for what a law follows on so many modules → its name there."""
     return {variable_words(name)[0].removeprefix("own "): name for name in names_of(tuple(VARIABLES), modules)}
 
 

@@ -14,6 +14,7 @@ from artibot_sim.estimation.checks.findings import COLUMNS, findings
 from artibot_sim.estimation.checks.wheels import FACTOR_REFUSED, Rolled, clock_faults, rolled, wheel_faults
 from artibot_sim.estimation.measurements import missing, other_robot, require_stretch, stretches
 from artibot_sim.experiment import Channel, Experiment
+from artibot_sim.experiment.columns import silences
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.experiment.smoothing import fresh, noise_of
 from artibot_sim.model import MOTORS, Robot
@@ -23,8 +24,6 @@ Array = NDArray[np.float64]
 
 SHORT = 15.0
 """s of motion below which few parameters can be determined."""
-_GAP = 0.5
-"""s of silence of a sensor that are said."""
 _HELD = 0.2
 """Share of repeated samples that is said."""
 _STUCK = 0.1
@@ -181,7 +180,7 @@ def _faults(experiment: Experiment, robot: Robot) -> Iterator[str]:
 
 def _channel_faults(channel: Channel, experiment: Experiment, repeats: bool) -> Iterator[str]:
     """Gaps and stops of one topic; repetitions where the streams' comparison does not see them."""
-    gaps = _gaps(channel, experiment.segments)
+    gaps = silences(channel, experiment.segments)
     if gaps:
         start, length = max(gaps, key=lambda gap: gap[1])
         more = f", and {len(gaps) - 1} shorter gaps" if len(gaps) > 1 else ""
@@ -197,17 +196,6 @@ def _channel_faults(channel: Channel, experiment: Experiment, repeats: bool) -> 
         limit = _limit(channel, name, experiment.channels["motor_torques"])
         if limit is not None:
             yield f"{channel.topic}: {name} stands at ±{limit:.3g} for a while: is the sensor saturated?"
-
-
-def _gaps(channel: Channel, segments: Sequence[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Start and length of silences within segments, s."""
-    usual = float(np.median(np.diff(channel.t))) if len(channel) > 2 else 0.0
-    found = []
-    for first, last in segments:
-        t = channel.t[(channel.t >= first - 1e-6) & (channel.t <= last + 1e-6)]
-        step = np.diff(t)
-        found += [(float(t[i]), float(step[i])) for i in np.flatnonzero(step > max(_GAP, 8.0 * usual))]
-    return found
 
 
 def _held(channel: Channel) -> float:

@@ -96,7 +96,8 @@ LAW_DTYPE = np.dtype(
     ],
     align=True,
 )
-"""The same of a robot with laws, and what the rover as a whole does at an instant, which laws follow.
+"""What compiled code takes of the effects of a robot with laws: these, what the rover as a whole does at an instant,
+which laws follow, and the fields of RECORD_DTYPE.
 
 These come first: numba takes a record that begins as another does for one of the same kind."""
 

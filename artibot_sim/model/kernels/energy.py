@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -243,9 +245,17 @@ def _elastic_on(p: Params, body: ModuleParams, q: NDArray[np.float64], ground: S
 # ----------------------------------------------------------------------
 
 
+class Account(NamedTuple):
+    """What powers are added to: the energies `e` (ENERGIES,), for `weight` seconds."""
+
+    weight: float
+    e: NDArray[np.float64]
+
+
 @inlined
-def pair_powers(p, fx, unit, pair, forces, motor, theta, omega, gamma_dot, weight, e):
+def pair_powers(p, fx, unit, pair, forces, motor, theta, omega, gamma_dot, account):
     """Of the two wheels of a motor, which turn at `omega` (rad/s)."""
+    weight, e = account
     i, rim, lead = 2 * motor, unit.r_w * omega, weight * gamma_dot
     r_f = r_b = 1.0
     if fx is not None:
@@ -266,8 +276,9 @@ def pair_powers(p, fx, unit, pair, forces, motor, theta, omega, gamma_dot, weigh
 
 
 @inlined
-def motor_power(fx, unit, motor, speed, acting, hold, weight, e):
+def motor_power(fx, unit, motor, speed, acting, hold, account):
     """Put in by a motor, lost in its gear, and taken by what drags on it."""
+    weight, e = account
     passed = unit.tau * speed * (unit.J_w * unit.tau * acting.theta_ddot + acting.M_r)
     e[E_MOTOR + motor] += weight * (acting.M_m * speed)
     e[E_GEAR + motor] += weight * ((1.0 / hold[EFFICIENCY + motor] - 1.0) * passed)
@@ -276,20 +287,20 @@ def motor_power(fx, unit, motor, speed, acting, hold, weight, e):
 
 
 @inlined
-def module_power(p, fx, module, ground, at, trig, q, v, now, hold, weight, e):
+def module_power(p, fx, module, ground, at, trig, q, v, now, hold, account):
     """Of one module's wheels and motors; q and v are those of its motors and its yaw rate, right and left."""
     body, right, left, number = module
     pair_r, pair_l, _, _ = module_pairs(body, ground, fx, at, trig[0], trig[1])
     motor = 2 * number
-    pair_powers(p, fx, right, pair_r, now.forces[motor], motor, q[0], right.tau * v[0], v[2], weight, e)
-    pair_powers(p, fx, left, pair_l, now.forces[motor + 1], motor + 1, q[1], left.tau * v[1], v[2], weight, e)
-    motor_power(fx, right, motor, v[0], now.acting[motor], hold, weight, e)
-    motor_power(fx, left, motor + 1, v[1], now.acting[motor + 1], hold, weight, e)
+    pair_powers(p, fx, right, pair_r, now.forces[motor], motor, q[0], right.tau * v[0], v[2], account)
+    pair_powers(p, fx, left, pair_l, now.forces[motor + 1], motor + 1, q[1], left.tau * v[1], v[2], account)
+    motor_power(fx, right, motor, v[0], now.acting[motor], hold, account)
+    motor_power(fx, left, motor + 1, v[1], now.acting[motor + 1], hold, account)
 
 
 @inlined
-def level_powers(at, p, fx, motions, trig, q, v, now, hold, weight, e):
-    """Add `weight` (s) times the power of every contribution to the energies `e` (ENERGIES,).
+def level_powers(at, p, fx, motions, trig, q, v, now, hold, account):
+    """Add the power of every contribution to an `Account`.
 
     Parameters
     ----------
@@ -299,10 +310,10 @@ def level_powers(at, p, fx, motions, trig, q, v, now, hold, weight, e):
         Coordinates, and the rates that the forces act at.
     now : plane_step.Instant
     """
-    f, b = motions
+    (f, b), (weight, e) = motions, account
     parts = ModuleParts(at.front, p.right_front, p.left_front, FRONT)
     module_power(
-        p, fx, parts, at.ground, f, trig[:2], (q[6], q[7]), (v[6], v[7], v[2]), now, hold, weight, e,
+        p, fx, parts, at.ground, f, trig[:2], (q[6], q[7]), (v[6], v[7], v[2]), now, hold, account,
     )  # fmt: skip
     if fx is not None:
         push_x, push_y, load_x, load_y, turn = now.loads[0]
@@ -311,7 +322,7 @@ def level_powers(at, p, fx, motions, trig, q, v, now, hold, weight, e):
     if p.two:
         parts = ModuleParts(at.back, p.right_back, p.left_back, BEHIND)
         module_power(
-            p, fx, parts, at.ground, b, trig[2:], (q[8], q[9]), (v[8], v[9], v[5]), now, hold, weight, e,
+            p, fx, parts, at.ground, b, trig[2:], (q[8], q[9]), (v[8], v[9], v[5]), now, hold, account,
         )  # fmt: skip
         l_x, l_y, turn_f, turn_b, _ = now.joint
         if fx is not None:

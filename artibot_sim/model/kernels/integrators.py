@@ -205,6 +205,16 @@ def turning(p, fx, commands, motor, theta, theta_dot):
 
 
 @inlined
+def motors_at(p, fx, commands, number, q, v):
+    """Both motors of a module by its number (`turning`), right and left."""
+    b, motor = BACK * number, 2 * number
+    return (
+        turning(p, fx, commands, motor, q[b + THETA_R], v[b + THETA_R]),
+        turning(p, fx, commands, motor + 1, q[b + THETA_L], v[b + THETA_L]),
+    )
+
+
+@inlined
 def begin_loops(hold):
     """No motor has been behind its command yet: the next `wind_up` adds nothing."""
     for motor in range(4):
@@ -413,16 +423,15 @@ def write_motor(fx, acting, motor, hold, w):
 
 
 @inlined
-def move_side(body, p, fx, unit, motor, on, q, v, commands, lags, dt, w):
-    """A motor of a module and its wheels, which stand `on` a footing, into the row; returns `contact.PairForces`."""
-    i, c = 2 * motor, coordinate_of(motor)
-    at, ahead = turning(p, fx, commands, motor, q[c], v[c]), None
+def move_side(body, p, fx, unit, motor, on, lags, dt, hold, w):
+    """A `MotorMotion` and its wheels, which stand `on` a footing, into the row; returns `contact.PairForces`."""
+    i, ahead = 2 * motor.number, None
     kept = kept_by(lags, 8, i), kept_by(lags, 8, i + 1)
     if dt is not None:
-        ahead = step_ahead(body, p, fx, unit, at, on, kept, dt)
-    forces, acting = motor_with_wheels(body, p, fx, unit, at, on, kept, dt, ahead, True)
-    write_wheels(on.pair, forces, motor, w)
-    write_motor(fx, acting, motor, commands.hold, w)
+        ahead = step_ahead(body, p, fx, unit, motor, on, kept, dt)
+    forces, acting = motor_with_wheels(body, p, fx, unit, motor, on, kept, dt, ahead, True)
+    write_wheels(on.pair, forces, motor.number, w)
+    write_motor(fx, acting, motor.number, hold, w)
     if fx is not None:
         write_rates(fx, forces, 8, i, lags, MEMORY)
     return forces
@@ -450,8 +459,9 @@ def module_forces(p, fx, module, q, v, trig, commands, lags, dt, w):
         met_r, met_l = loaded(
             body, p, fx, (right, left), (pair_r, pair_l), (soil_r, soil_l), motor, turned, lags, 8, 2 * motor
         )
-    on_right = move_side(body, p, fx, right, motor, Footing(met_r, soil_r), q, v, commands, lags, dt, w)
-    on_left = move_side(body, p, fx, left, motor + 1, Footing(met_l, soil_l), q, v, commands, lags, dt, w)
+    turns_r, turns_l = motors_at(p, fx, commands, number, q, v)
+    on_right = move_side(body, p, fx, right, turns_r, Footing(met_r, soil_r), lags, dt, commands.hold, w)
+    on_left = move_side(body, p, fx, left, turns_l, Footing(met_l, soil_l), lags, dt, commands.hold, w)
     forces = generalised_forces(body, p, fx, trig, on_right, on_left, (pair_r, pair_l), number, w)
     return module_free(p, fx, module, v, trig, on_right, on_left, forces, w)
 
@@ -466,11 +476,12 @@ def module_on_uneven(p, fx, ground, module, q, v, trig, commands, lags, dt, w):
         Free accelerations of x, y, z, alpha, gamma and beta.
     """
     (body, right, left, number), (s_a, c_a, s_g, c_g) = module, trig
-    b, motor = BACK * number, 2 * number
+    b = BACK * number
     at = uneven.attitude_of(p, s_a, c_a, q[b + BETA], s_g, c_g)
     sides = uneven.sides_of(body, p, fx, ground, number, at, q, v, b)
-    on_right = move_side(body, p, fx, right, motor, sides[0], q, v, commands, lags, dt, w)
-    on_left = move_side(body, p, fx, left, motor + 1, sides[1], q, v, commands, lags, dt, w)
+    turns_r, turns_l = motors_at(p, fx, commands, number, q, v)
+    on_right = move_side(body, p, fx, right, turns_r, sides[0], lags, dt, commands.hold, w)
+    on_left = move_side(body, p, fx, left, turns_l, sides[1], lags, dt, commands.hold, w)
     forces = uneven.generalised_forces(p, fx, at, sides, on_right, on_left, number, w)
     return module_free(p, fx, module, v, trig, on_right, on_left, forces, w)
 

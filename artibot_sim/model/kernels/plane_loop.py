@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from artibot_sim.model.equations.dynamics import module_gravity
 from artibot_sim.model.kernels.compilation import inlined, kernel
-from artibot_sim.model.kernels.energy import level_powers
+from artibot_sim.model.kernels.energy import Account, level_powers
 from artibot_sim.model.kernels.integrators import MotorCommands, begin_loops, wind_up
 from artibot_sim.model.kernels.layout import BEHIND, FRONT, MOTOR, NOUGHT
 from artibot_sim.model.kernels.loop import (
@@ -187,7 +187,7 @@ def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
                     return OK, row
                 feed_torques(p, now, v_k, inputs.modes, hold, dt, eta_next, previous)
             if out_e is not None and energies:
-                level_powers(at, p, fx, motions(q_k, v_k), trig, q_k, v_k, now, hold, stage_weight(k) * dt, e)
+                level_powers(at, p, fx, motions(q_k, v_k), trig, q_k, v_k, now, hold, Account(stage_weight(k) * dt, e))
             q_k, v_k, first, total = next_ten(k, dt, here, rate, v_k, a, first, total)
             if fx is not None:
                 next_lag(k, count, memory, dt, lag, sum_lag)
@@ -240,7 +240,7 @@ def level_semi(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
         if fx is not None:
             lags_after(count, memory, dt, lag)
         if out_e is not None and energies:
-            level_powers(at, p, fx, motions(here, rate), trig, here, middle(rate, new), now, hold, dt, e)
+            level_powers(at, p, fx, motions(here, rate), trig, here, middle(rate, new), now, hold, Account(dt, e))
         here, rate = there, new
         phase, since = phase + 1, since + 1
         if phase == knot_steps:

@@ -7,8 +7,10 @@ of lane e at ``rows[(i * COLUMNS + c) * lanes + e]``.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from artibot_sim.model.kernels.compilation import inlined, kernel
 from artibot_sim.model.kernels.elementary import cubic_at, cubic_between, sincos
@@ -140,19 +142,40 @@ def sensor_value(rows, at, lanes, h, two, share, kind, sensors, r):
     return between(rows, at, lanes, kind, share) * sensors[r, TORQUE_SCALE]
 
 
-@inlined
-def sample_lane(rows, lane, lanes, h, count, two, t, kind, first, last, sensors, r, out, to):
-    """Samples `first` to `last` of (t, kind) into `out` from place `to` on, from the first `count` rows of a lane.
+class LaneRows(NamedTuple):
+    """The `kept` rows, `h` (s) apart, of a `lane` of so many, whose rover has `two` modules or one."""
 
-    Rows are `h` apart; instants past them are left as they are. `sensors` are as in `sample`, in row `r`.
+    rows: NDArray[np.float64]
+    lane: int
+    lanes: int
+    h: float
+    kept: int
+    two: bool
+
+
+class Wanted(NamedTuple):
+    """Samples `first` to `last` of (t, kind), see `sample`."""
+
+    t: NDArray[np.float64]
+    kind: NDArray[np.int64]
+    first: int
+    last: int
+
+
+@inlined
+def sample_lane(of, wanted, sensors, r, out, to):
+    """What is `wanted` of a lane's rows into `out` from place `to` on; instants past them are left as they are.
+
+    `sensors` are as in `sample`, in row `r`.
     """
+    t, kind, first, last = wanted
     for k in range(first, last):
         since = t[k] - sensors[r, DELAY] if kind[k] <= LAST_LATE else t[k]
-        i = min(max(int((since + _ROUNDING) / h), 0), count - 2)
-        share = since / h - i
+        i = min(max(int((since + _ROUNDING) / of.h), 0), of.kept - 2)
+        share = since / of.h - i
         if share <= 1.0 + 1e-3:
             out[to + k - first] = sensor_value(
-                rows, i * COLUMNS * lanes + lane, lanes, h, two, share, kind[k], sensors, r
+                of.rows, i * COLUMNS * of.lanes + of.lane, of.lanes, of.h, of.two, share, kind[k], sensors, r
             )
 
 
@@ -171,4 +194,4 @@ def sample(rows, h, count, two, t, kind, sensors, r, out):
         kind 2, a bias of kind 4, a scale of kinds 10 to 13. (Scale and low-pass of encoders have acted before, on
         what turned the motors.)
     """
-    sample_lane(rows, 0, 1, h, count, two, t, kind, 0, t.shape[0], sensors, r, out, 0)
+    sample_lane(LaneRows(rows, 0, 1, h, count, two), Wanted(t, kind, 0, t.shape[0]), sensors, r, out, 0)

@@ -63,10 +63,13 @@ from artibot_sim.model.kernels.sampling import (
     TURN_BACK_AT,
     VELOCITY_FILTER,
     YAW_BACK_AT,
+    LaneRows,
+    Wanted,
     sample_lane,
 )
 from artibot_sim.model.kernels.steps import semi_implicit
 from artibot_sim.model.kernels.train_loop import of_one
+from artibot_sim.model.kernels.window_lanes import item_of
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -258,13 +261,6 @@ def load_motor(S, j, p, unit, work, r, motor):
     S[j + AT.LEVER], S[j + AT.ROLLS] = unit.r_w, 1.0
     if p.literal_eq22:
         S[j + AT.LEVER], S[j + AT.ROLLS] = unit.r_w + p.u_w, 0.0
-
-
-@inlined
-def item_of(order, block, e):
-    """The item in lane `e` of a block; lanes that are left over repeat the block's first one."""
-    place = block * LANES + e
-    return order[place if place < order.shape[0] else block * LANES]
 
 
 @inlined
@@ -741,10 +737,8 @@ def sample_plans(S, rows, samples, work, order, block, h, out):
             first, last = work.pairs[work.plan[k], pair], work.pairs[work.plan[k], pair + 1]
             for i in range(last - first):
                 samples[i] = math.nan
-            sample_lane(
-                rows[pair * size : (pair + 1) * size], e, LANES, h, count, True, work.at, work.kind, first, last,
-                work.sensors, work.robot[k], samples, 0,
-            )  # fmt: skip
+            of = LaneRows(rows[pair * size : (pair + 1) * size], e, LANES, h, count, True)
+            sample_lane(of, Wanted(work.at, work.kind, first, last), work.sensors, work.robot[k], samples, 0)
             for i in range(last - first):
                 out[work.to[k] + work.place[first + i]] = samples[i]
 

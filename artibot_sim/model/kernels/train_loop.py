@@ -166,23 +166,28 @@ def workspace(modules: int) -> TrainWork:
 
 
 @inlined
-def side_forces(p, fx, unit, side, i, q, v, on, commands, lags, dt, w):
-    """A motor of a module (0 for the front one, else 1) and its wheels, into its row; returns `contact.PairForces`.
+def motor_at(p, fx, commands, side, i, theta, theta_dot):
+    """A motor of a module (0 for the front one, else 1), with its number in the pair that effects see."""
+    own = turning(p, fx, commands, side, theta, theta_dot)
+    return MotorMotion(
+        2 * i + side, own.mode, own.theta, own.theta_dot, own.wish, own.torque, own.gear, own.J, own.inverse_J,
+        own.error, own.behind,
+    )  # fmt: skip
+
+
+@inlined
+def side_forces(p, fx, unit, side, motor, on, lags, dt, hold, w):
+    """A motor of a module (`motor_at`) and its wheels, into the module's row; returns `contact.PairForces`.
 
     The wheels stand `on` an `integrators.Footing`; `lags` are what they remember, and its rates.
     """
-    (lag, lag_rate), a, c = lags, 2 * side, THETA_R + side
-    local = turning(p, fx, commands, side, q[c], v[c])
-    motor = MotorMotion(
-        2 * i + side, local.mode, local.theta, local.theta_dot, local.wish, local.torque, local.gear, local.J,
-        local.inverse_J, local.error, local.behind,
-    )  # fmt: skip
+    (lag, lag_rate), a = lags, 2 * side
     kept, ahead = (kept_by((lag,), 4, a), kept_by((lag,), 4, a + 1)), None
     if dt is not None:
         ahead = step_ahead(p.front, p, fx, unit, motor, on, kept, dt)
     forces, acting = motor_with_wheels(p.front, p, fx, unit, motor, on, kept, dt, ahead, True)
     write_wheels(on.pair, forces, side, w)
-    write_motor(fx, acting, side, commands.hold, w)
+    write_motor(fx, acting, side, hold, w)
     if fx is not None:
         write_rates(fx, forces, 4, a, (lag_rate,), 0)
     return forces
@@ -205,8 +210,10 @@ def module_alone(p, fx, i, q, v, angles, commands, lags, dt, w, free):
         units, turned = (p.right_front, p.left_front), (q[THETA_R], q[THETA_L], v[THETA_R], v[THETA_L])
         pairs, soils = (pair_r, pair_l), (soil_r, soil_l)
         met_r, met_l = loaded(body, p, fx, units, pairs, soils, 2 * i, turned, (lags[0],), 4, 0)
-    right = side_forces(p, fx, p.right_front, FRONT, i, q, v, Footing(met_r, soil_r), commands, lags, dt, w)
-    left = side_forces(p, fx, p.left_front, BEHIND, i, q, v, Footing(met_l, soil_l), commands, lags, dt, w)
+    turns_r = motor_at(p, fx, commands, FRONT, i, q[THETA_R], v[THETA_R])
+    turns_l = motor_at(p, fx, commands, BEHIND, i, q[THETA_L], v[THETA_L])
+    right = side_forces(p, fx, p.right_front, FRONT, turns_r, Footing(met_r, soil_r), lags, dt, commands.hold, w)
+    left = side_forces(p, fx, p.left_front, BEHIND, turns_l, Footing(met_l, soil_l), lags, dt, commands.hold, w)
     forces = generalised_forces(body, p, fx, trig, right, left, (pair_r, pair_l), FRONT, w)
     loads = 0.0, 0.0, 0.0, 0.0, 0.0
     if fx is not None:

@@ -32,6 +32,8 @@ from artibot_sim.model.kernels.sampling import (
     TURN_BACK_AT,
     VELOCITY_FILTER,
     YAW_BACK_AT,
+    LaneRows,
+    Wanted,
     sample_lane,
 )
 
@@ -112,7 +114,7 @@ def buffers(rows: int) -> Buffers:
 
 @inlined
 def load_block(S, work, order, block, fx):
-    """Items into lanes; lanes that are left over repeat the block's first item."""
+    """Items into lanes."""
     for e in range(LANES):
         i = item_of(order, block, e)
         r = work.robot[i]
@@ -129,7 +131,7 @@ def load_block(S, work, order, block, fx):
 
 @inlined
 def item_of(order, block, e):
-    """The item in lane `e` of a block."""
+    """The item in lane `e` of a block; lanes that are left over repeat the block's first one."""
     place = block * LANES + e
     return order[place if place < order.shape[0] else block * LANES]
 
@@ -207,11 +209,9 @@ def sample_plans(S, rows, work, order, block, h, out):
         i = order[place]
         count = min(sound_rows(S, e), work.knots[i] + 1)
         if count > 1:
-            two = work.records[work.robot[i]].two
-            sample_lane(
-                rows, e, LANES, h, count, two, work.at, work.kind, work.plan_first[i], work.plan_last[i],
-                work.sensors, work.robot[i], out, work.to[i],
-            )  # fmt: skip
+            of = LaneRows(rows, e, LANES, h, count, work.records[work.robot[i]].two)
+            wanted = Wanted(work.at, work.kind, work.plan_first[i], work.plan_last[i])
+            sample_lane(of, wanted, work.sensors, work.robot[i], out, work.to[i])
 
 
 @kernel

@@ -65,6 +65,8 @@ from artibot_sim.model.simulate.window_inputs import (
     SamplingPlan,
     kind_of,
     longest_step,
+    real,
+    whole,
 )
 
 Array = NDArray[np.float64]
@@ -240,13 +242,13 @@ class TrainWindows:
         sizes = np.array([len(plan.t) for plan in self._plans])
         at = np.concatenate([plan.t[order] for plan, order in zip(self._plans, orders, strict=True)])
         effects = flat(self._effects(lawless)).reshape(len(every), modules, EFFECT_VALUES)
-        states = [_real(array).reshape(-1, modules, 8) for array in (items.q, items.v)]
+        states = [real(array).reshape(-1, modules, 8) for array in (items.q, items.v)]
         return TrainItems(
             np.array([of.modules for of in every]), np.array([of.joints for of in every]),
             np.array([of.eta.ravel() for of in every]), effects, np.concatenate([of.sensors for of in every]),
             np.array([of.modes for of in every]), np.array([of.factors for of in every], dtype=float), position,
-            velocity, torque, late_angle, late_speed, robot, begin[items.table] + items.first, _whole(items.knots),
-            states[0], states[1], _real(items.t), memory, _whole(items.plan), pairs, at, np.concatenate(kinds),
+            velocity, torque, late_angle, late_speed, robot, begin[items.table] + items.first, whole(items.knots),
+            states[0], states[1], real(items.t), memory, whole(items.plan), pairs, at, np.concatenate(kinds),
             np.concatenate(orders), self._ends - sizes[items.plan],
         )  # fmt: skip
 
@@ -393,13 +395,3 @@ def train_step(robot: Robot, tables: Sequence[MotorTable]) -> float:
         f"robot '{robot.name}': the integrator is stable up to {limit:.2g} s only, too little for fitting; "
         "check its masses, inertias and slip coefficients"
     )
-
-
-def _whole(values: Indices) -> Indices:
-    """A copy that compiled code takes whatever it was."""
-    return np.array(values, dtype=np.int64, order="C")
-
-
-def _real(values: Array) -> Array:
-    """Numbers as compiled code takes them: float64, contiguous."""
-    return np.array(values, dtype=np.float64, order="C")

@@ -157,3 +157,13 @@ class Items:
 
     def __len__(self) -> int:
         return len(self.robot)
+
+
+def whole(values: Indices) -> Indices:
+    """A copy that compiled code takes whatever it was."""
+    return np.array(values, dtype=np.int64, order="C")
+
+
+def real(values: Array) -> Array:
+    """Numbers as compiled code takes them: float64, contiguous."""
+    return np.array(values, dtype=np.float64, order="C")

@@ -40,7 +40,7 @@ from artibot_sim.model.simulate.batch import available_cores
 from artibot_sim.model.simulate.rollout import unlimited_beside_prescribed
 from artibot_sim.model.simulate.sensors import sensor_errors
 from artibot_sim.model.simulate.train_windows import TrainWindows, train_step
-from artibot_sim.model.simulate.window_inputs import Items, MotorTable, SamplingPlan, longest_step
+from artibot_sim.model.simulate.window_inputs import Items, MotorTable, SamplingPlan, longest_step, real, whole
 
 if TYPE_CHECKING:
     from artibot_sim.model.kernels.window_lanes import WindowItems
@@ -85,7 +85,7 @@ class Knots:
     def of(cls, tables: Sequence[MotorTable], dt: float) -> Knots:
         """Of tables, whose `dt` are whole multiples of the step `dt`, s."""
         position, velocity, torque, behind = (
-            _real(np.concatenate([getattr(table, name) for table in tables] or [np.empty((0, 4))]))
+            real(np.concatenate([getattr(table, name) for table in tables] or [np.empty((0, 4))]))
             for name in ("position", "velocity", "torque", "behind")
         )
         lengths = [len(table.position) for table in tables]
@@ -224,7 +224,7 @@ def level(fleet: Fleet, items: Items) -> Mask:
     for rows, effects in ((~extended & lawless, None), (extended & lawless, fleet.effects)):
         if rows.any():
             some = np.zeros(int(rows.sum()), bool)
-            find_level(fleet.records, effects, _whole(items.robot[rows]), items.q[rows], items.v[rows], some)
+            find_level(fleet.records, effects, whole(items.robot[rows]), items.q[rows], items.v[rows], some)
             found[rows] = some
     return found
 
@@ -236,25 +236,15 @@ def lane_work(fleet: Fleet, items: Items, knots: Knots, plans: PlanTable, ends: 
     sizes, begin = plans.sizes[items.plan], plans.begin[items.plan]
     return WindowItems(
         fleet.records, fleet.eta, flat(fleet.effects), fleet.sensors, knots.position, knots.velocity, knots.torque,
-        knots.behind, knots.modes[items.table], fleet.share[items.robot, items.table], _whole(items.robot),
-        knots.begin[items.table] + items.first, _whole(items.knots), _real(items.q), _real(items.v), _real(items.t),
+        knots.behind, knots.modes[items.table], fleet.share[items.robot, items.table], whole(items.robot),
+        knots.begin[items.table] + items.first, whole(items.knots), real(items.q), real(items.v), real(items.t),
         remembered(items), begin, begin + sizes, plans.t, plans.kind, ends - sizes,
     )  # fmt: skip
 
 
 def remembered(items: Items) -> Array:
     """What wheels remember at the starts of all items, (n, MEMORY)."""
-    return np.zeros((len(items), MEMORY)) if items.memory is None else _real(items.memory)
-
-
-def _whole(values: Indices) -> Indices:
-    """A copy that compiled code takes whatever it was."""
-    return np.array(values, dtype=np.int64, order="C")
-
-
-def _real(values: Array) -> Array:
-    """Numbers as compiled code takes them: float64, contiguous."""
-    return np.array(values, dtype=np.float64, order="C")
+    return np.zeros((len(items), MEMORY)) if items.memory is None else real(items.memory)
 
 
 # ----------------------------------------------------------------------
@@ -312,7 +302,7 @@ def run_window(
     if fleet.extended[r]:
         fx = (fleet.laws[r] if r in fleet.laws else fleet.effects[r]).copy()
         fx["t"] = items.t[i]
-        lags = np.zeros(MEMORY) if items.memory is None else _real(items.memory[i])
+        lags = np.zeros(MEMORY) if items.memory is None else real(items.memory[i])
         extra = fx, (lags,) if has_memory(fleet.robots[r].effects) else ()
     work, q, v, w, rows = room
     pulled = fleet.sensors[r, TORQUE_SCALE]

@@ -260,6 +260,23 @@ def node_main(command: click.Command, word: str, argv: Sequence[str] | None = No
     return int(command.main(args=own, prog_name=f"artibot {word}", standalone_mode=False, obj=ros_args) or 0)
 
 
+def run_events(name: str, ros_args: Sequence[str], make: Callable[[list[int]], Any]) -> int:
+    """Make a node that acts on what comes, and run it until it ends; for the parameters see `run_loop`.
+
+    Raises
+    ------
+    ArtibotError
+        When a parameter, or what it names, is refused.
+    """
+    with ros_process(name, ros_args) as asked, destroyed(make(asked)) as node:
+        executor = events_executor()
+        executor.add_node(node)
+        try:
+            return int(node.run(executor))
+        finally:
+            executor.shutdown()
+
+
 def run_loop(name: str, ros_args: Sequence[str], make: Callable[[list[int]], LoopNode]) -> int:
     """Make a node and run it until it ends; write its statistics where ``stats`` says, and log them in a line.
 

@@ -13,7 +13,7 @@ import click
 from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.own_effects import effects_option
 from artibot_sim.nodes.common.options import BoundedNumber, parameter_files
-from artibot_sim.nodes.common.process import built, destroyed, events_executor, node_main, ros_process
+from artibot_sim.nodes.common.process import built, node_main, run_events
 from artibot_sim.report.files import OutputFile
 
 _DELAY = BoundedNumber(min=-1.0, max=1.0)
@@ -79,16 +79,13 @@ def run(overrides: dict[str, Any], ros_args: Sequence[str] = ()) -> int:
     ArtibotError
         When a parameter or the robot is refused.
     """
-    with ros_process("odometry", ros_args) as asked:
+
+    def make(asked: list[int]) -> Any:
         from artibot_sim.nodes.odometry.node import OdometryNode
 
-        with destroyed(built(OdometryNode, overrides, asked)) as node:
-            executor = events_executor()
-            executor.add_node(node)
-            try:
-                return int(node.run(executor))
-            finally:
-                executor.shutdown()
+        return built(OdometryNode, overrides, asked)
+
+    return run_events("odometry", ros_args, make)
 
 
 def measure(bag: Path, given: dict[str, Any]) -> int:
