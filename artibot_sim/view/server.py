@@ -25,6 +25,15 @@ SPEEDS = ("0.25", "0.5", "1", "2", "5", "10")
 _PERIOD = 1.0 / 30.0
 _SAVED_RATE = 15.0
 """Instants a second in a saved file; a browser goes on smoothly in between."""
+_SUITED = """(() => {{
+const page = new window.URL(location), asked = page.searchParams, before = page.href, shape = innerWidth / innerHeight;
+if (matchMedia("(prefers-color-scheme: dark)").matches && !asked.has("darkMode")) asked.set("darkMode", "");
+if (shape < 1 && !asked.has("initialCameraPosition"))
+  asked.set("initialCameraPosition", [{x} + {dx} / shape, {y} + {dy} / shape, {z} + {dz} / shape]);
+if (page.href !== before) {go}(page.href);
+}})()"""
+"""Asks viser for what the browser wishes by the page's address, the only way that it has: dark colours, and on a page
+that is higher than wide a camera so much farther away that nothing is cut at its sides."""
 
 
 def started(port: int) -> Any:
@@ -67,6 +76,30 @@ def staged(server: Any, film: Film) -> Scene:
     return scene
 
 
+def suited(server: Any, go: str) -> str:
+    """JavaScript that suits a page to its browser: dark by its wish, and all in sight where it is narrow.
+
+    Parameters
+    ----------
+    server : viser.ViserServer
+        Its first camera is set.
+    go : str
+        What takes the page's new address.
+    """
+    at, position = np.array(server.initial_camera.look_at), np.array(server.initial_camera.position)
+    (x, y, z), (dx, dy, dz) = at.tolist(), (position - at).tolist()
+    return _SUITED.format(x=x, y=y, z=z, dx=dx, dy=dy, dz=dz, go=go)
+
+
+def suit(server: Any) -> None:
+    """Suit a served page to its browser; where that asks for something the page is loaded once more.
+
+    viser has no place for a script of a page but HTML among the controls, where only handlers of events are run.
+    """
+    script = html.escape(suited(server, "location.replace").replace("\n", " "))
+    server.gui.add_html(f'<img alt="" hidden src="data:," onerror="{script}">')
+
+
 def legend(film: Film) -> str:
     """What the colours mean, and the notes, as Markdown."""
     said = [f"**{film.title}** ({film.robot.name})"]
@@ -99,6 +132,7 @@ class FilmPlayer:
         self.film, self.scene = film, staged(server, film)
         gui, t = server.gui, film.t
         gui.configure_theme(show_share_button=False, show_logo=False)
+        suit(server)
         self._legend = gui.add_markdown(legend(film))
         self._bar = None if more is None else gui.add_progress_bar(0.0)
         self._more: list[Film | ArtibotError] = []
@@ -175,6 +209,8 @@ def saved(film: Film, progress: Report | None = None) -> bytes:
             if progress is not None:
                 progress(number / len(rows))
         text: str = recording.as_html()
+        script = suited(server, '(address => history.replaceState(null, "", address))')
     finally:
         stopped(server)
-    return text.replace("<head>", f"<head><title>{html.escape(film.title)}</title>", 1).encode()
+    head = f"<head><title>{html.escape(film.title)}</title><script>{script}</script>"
+    return text.replace("<head>", head, 1).encode()

@@ -168,6 +168,46 @@ def test_a_saved_file_plays_in_a_browser_and_asks_for_nothing(page: Browser, tmp
     assert {address.partition("#")[0] for address in page.requests} <= {out.as_uri(), "about:blank"}
 
 
+def blue(page: Browser) -> np.ndarray:
+    """Columns of the picture in which the true path's colour is, above the controls."""
+    from PIL import Image
+
+    picture = np.asarray(Image.open(io.BytesIO(page.picture(whole=False))).convert("RGB"), float)[200:650]
+    return np.flatnonzero((picture[:, :, 2] - picture[:, :, 0] > 60).any(axis=0))
+
+
+@pytest.mark.parametrize("served", [False, True])
+def test_a_page_is_dark_by_the_browser_s_wish_and_all_in_sight_where_it_is_narrow(
+    page: Browser, film: Film, tmp_path: Path, served: bool
+) -> None:
+    need_viser()
+    from artibot_sim.view.server import FilmPlayer, saved, started, stopped
+
+    out, server = tmp_path / "run.html", started(0)
+    try:
+        if served:
+            FilmPlayer(server, film)
+            address = f"http://127.0.0.1:{server.get_port()}/"
+        else:
+            out.write_bytes(saved(film))
+            address = out.as_uri()
+        page.scheme("dark")
+        page.size(500, 900)
+        page._ask("Page.navigate", url=address)
+        page.wait("location.search.includes('darkMode')")  # a served page is loaded once more
+        page.wait("document.documentElement?.dataset.mantineColorScheme === 'dark'")
+        page.wait("document.querySelectorAll('canvas').length > 0")
+        end = time.monotonic() + 150
+        while len(columns := blue(page)) < 100:  # of the path, which takes its time to be drawn by software
+            assert time.monotonic() < end, page.console
+            time.sleep(0.5)
+        assert columns[0] > 10 and columns[-1] < 490
+    finally:
+        stopped(server)
+        page.scheme("light")
+        page.size(1000, 700)
+
+
 def test_the_page_of_a_recording_has_a_time_slider_that_moves_the_rover(page: Browser, film: Film) -> None:
     need_viser()
     from artibot_sim.view.server import FilmPlayer, started, stopped

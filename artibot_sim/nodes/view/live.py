@@ -17,7 +17,7 @@ from artibot_sim.nodes.common.process import built, destroyed, ros_process
 from artibot_sim.nodes.common.qos import subscription
 from artibot_sim.view.frames import MEASURED, Film, Poses, chain, state_of, wheel_forces, wheels_of
 from artibot_sim.view.scene import Scene
-from artibot_sim.view.server import announced, legend, staged, started, stopped
+from artibot_sim.view.server import announced, legend, staged, started, stopped, suit
 
 _SENSOR = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 _LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL, reliability=ReliabilityPolicy.RELIABLE)
@@ -123,6 +123,7 @@ def run(robot_name: str, port: int, browser: bool, ros_args: list[str]) -> int:
             server.gui.configure_theme(show_share_button=False, show_logo=False)
             server.gui.add_markdown(legend(film))
             scene = staged(server, film)
+            suit(server)
             print(announced(server, browser), flush=True)
             _follow(node, scene, asked)
         finally:
