@@ -18,6 +18,24 @@ _SPREAD = {"contact": 0.4, "wheel.r_w": 0.05}
 _MASS_SPREAD = 0.3
 """Standard deviation of the prior of a module's mass, over its middle."""
 _GEOMETRY_SPREAD = 0.15
+GROUPS = {
+    "soil": SOIL,
+    "geometry": (
+        "wheel.r_w",
+        "effects.wheel_radius_mismatch.relative",
+        "effects.pose_lever_arm.x",
+        "effects.pose_lever_arm.y",
+        "effects.pose_heading_offset.angle",
+    ),
+}
+"""Names that stand for several parameters. No data sheet has what this geometry says of one robot: how its tyres roll
+under load, that those of its sides are never quite equal, and where on it the tracked body was mounted."""
+_SIDES_SPREAD = 0.03
+"""Standard deviation of the prior of the sides' difference of radius, which is of 0,"""
+_ARM_SPREAD = 0.25
+"""of a lever arm in track widths,"""
+_ANGLE_SPREAD = 0.05
+"""and of the angle at which a tracked body is mounted, rad."""
 _BEFOREHAND = ("assumed", "inferred", "datasheet", "stated")
 """Sources of numbers that no recording was asked for yet."""
 _WIDEST = 5.0
@@ -32,8 +50,8 @@ def parameter_set(robot: Robot, fit: Sequence[str] = SOIL, priors: Mapping[str, 
     robot : Robot
         Whose values are the priors' middles unless `priors` says otherwise.
     fit : sequence of str
-        Names as in a robot file (``contact.k_l``, ``front.i_x``, ``effects.pose_lever_arm.x``), or the soil's short
-        ones (``k_l``). An effect that the robot does not have begins at its prior's middle.
+        Names as in a robot file (``contact.k_l``, ``front.i_x``, ``effects.pose_lever_arm.x``), the soil's short
+        ones (``k_l``), or those of `GROUPS`. An effect that the robot does not have begins at its prior's middle.
     priors : mapping of str to Prior, optional
         By the same names.
 
@@ -42,7 +60,9 @@ def parameter_set(robot: Robot, fit: Sequence[str] = SOIL, priors: Mapping[str, 
     ArtibotError
         For an unknown name, one that stands twice, or a prior of nothing that is fitted.
     """
-    robot = _with_effects(robot, fit, priors or {})
+    fit = [one for name in fit for one in GROUPS.get(name.strip(), (name,))]
+    priors = {**_sizes_of(robot, fit), **(priors or {})}
+    robot = _with_effects(robot, fit, priors)
     found = (*robot.quantities(), *robot.effect_quantities())
     quantities = {key: (quantity, value) for key, quantity, value in found}
     keys = [_key(name, quantities) for name in fit]
@@ -51,7 +71,7 @@ def parameter_set(robot: Robot, fit: Sequence[str] = SOIL, priors: Mapping[str, 
     for key in keys:
         if keys.count(key) > 1:
             raise ArtibotError(f"fit: {key} stands there twice; name each parameter once")
-    known = {_key(name, quantities): prior for name, prior in (priors or {}).items()}
+    known = {_key(name, quantities): prior for name, prior in priors.items()}
     for key in known:
         if key not in keys:
             raise ArtibotError(f"prior: {key} is not fitted; name it in --fit as well, or leave its prior out")
@@ -71,6 +91,20 @@ def parameter_set(robot: Robot, fit: Sequence[str] = SOIL, priors: Mapping[str, 
             high = min(high, sum_of_others(robot, key))
         parameters.append(replace(one, low=low, high=high))
     return ParameterSet(robot, tuple(parameters))
+
+
+def _sizes_of(robot: Robot, fit: Sequence[str]) -> dict[str, Prior]:
+    """Priors around nothing of those effects among `GROUPS` that are fitted and not at work in the robot."""
+    arm = _ARM_SPREAD * robot.front.i_y
+    spreads = dict(zip(GROUPS["geometry"][1:], (_SIDES_SPREAD, arm, arm, _ANGLE_SPREAD), strict=True))
+    wanted = (name.strip() for name in fit)
+    return {name: Prior(0.0, spreads[name]) for name in wanted if name in spreads and not _has(robot, name)}
+
+
+def _has(robot: Robot, name: str) -> bool:
+    """Whether an effect's parameter (``effects.id.parameter``) is at work in a robot."""
+    _, effect, parameter = name.split(".")
+    return bool(robot.effects.get(effect, {}).get(parameter))
 
 
 def _with_effects(robot: Robot, fit: Sequence[str], priors: Mapping[str, Prior]) -> Robot:

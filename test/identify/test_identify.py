@@ -191,6 +191,47 @@ def test_a_bound_is_said(real: Robot) -> None:
     assert result["k_t"].value == pytest.approx(1950.0 * np.exp(5 * 15.0 / 1950.0), rel=1e-3)
 
 
+GEOMETRY = {
+    "wheel.r_w": 0.157,
+    "effects.wheel_radius_mismatch.relative": -0.04,
+    "effects.pose_lever_arm.x": 0.15,
+    "effects.pose_lever_arm.y": 0.03,
+    "effects.pose_heading_offset.angle": -0.02,
+}
+
+
+def test_geometry_that_no_data_sheet_has_is_found_beside_the_soil() -> None:
+    """Sides of other radius, and a body tracked elsewhere; nothing is said of them. Torques are not recorded."""
+    husky = load_robot("husky_driven")
+    made = husky.replace({"wheel.r_w": GEOMETRY["wheel.r_w"]})
+    for name, value in GEOMETRY.items():
+        if name.startswith("effects."):
+            _, effect, parameter = name.split(".")
+            made = replace(made, effects={**made.effects, effect: {**made.effects.get(effect, {}), parameter: value}})
+    drive = synthetic(made, replace(TURNS, blend=0.3), kappa=1.0, seed=1, noise=Noise(heading=0.003))
+    motors = drive.channels["motor_torques"]
+    speeds = {name: column for name, column in motors.columns.items() if not name.endswith(".effort")}
+    drive = replace(drive, channels={**drive.channels, "motor_torques": replace(motors, columns=speeds)})
+    result = identify([drive], husky, fit=["soil", "geometry"], window=2.0, effort=QUICK).result
+    assert [e.key for e in result.estimates] == [*(f"contact.{name}" for name in SOIL), *GEOMETRY]
+    for key, truth in GEOMETRY.items():
+        (one,) = (e for e in result.estimates if e.key == key)
+        low, high = one.ci95
+        assert low - 0.5 * (high - low) <= truth <= high + 0.5 * (high - low), one
+        assert high - low < 0.03
+
+
+def test_what_is_known_of_geometry_goes_before_what_its_group_takes_for_granted() -> None:
+    husky = load_robot("husky_driven")
+    name, arm = "effects.wheel_radius_mismatch.relative", "effects.pose_lever_arm.x"
+    own = parameter_set(husky, ["geometry"], {name: Prior(0.05, 0.01)})
+    priors = {one.key: one.prior for one in own.parameters}
+    assert priors[name] == Prior(0.05, 0.01)
+    assert priors[arm] == Prior(0.0, 0.25 * husky.front.i_y)
+    known = replace(husky, effects={"pose_lever_arm": {"x": 0.2, "y": 0.0}})
+    assert {one.key: one.prior for one in parameter_set(known, ["geometry"]).parameters}[arm].value == 0.2
+
+
 def test_inertias_of_a_fit_are_those_of_a_body() -> None:
     """None exceeds the sum of the other two: alone it ends there, and where all are fitted every place is a robot."""
     husky = load_robot("husky_driven")
