@@ -14,7 +14,7 @@ from artibot_driver.cia402 import DriveState
 from artibot_driver.config import config_from_parameters
 from artibot_driver.master import BusStatus, DriveStatus, MasterStatus, Phase, SetupStage, StopReason, StopRecord
 from artibot_sim.model import MOTORS
-from artibot_sim.nodes.driver.publishers import ERROR, OK, STALE, WARN, Identity, diagnostics, essence
+from artibot_sim.nodes.driver.publishers import ERROR, OK, STALE, WARN, Identity, diagnostics, judged
 from artibot_sim.nodes.driver.services import PATIENCE, START_WITHIN, AutoEnable, PendingRequest, answer, obstacles
 
 CONFIG = config_from_parameters({})
@@ -166,13 +166,10 @@ def test_supply_and_limit_are_told_by_the_statusword(word: int, supply: bool, li
 
 
 def test_news_is_what_a_person_would_want_to_know() -> None:
-    def told(status: MasterStatus | None, load: float = 0.0, fault: str = "") -> object:
-        return essence(diagnostics(1, CONFIG, Identity("agriq"), status, {"load": load}, fault))
-
-    assert told(READY) == told(READY, 1.0), "numbers that always change are none"
-    assert told(READY) != told(replace(READY, phase=Phase.ENABLED))
-    assert told(READY) != told(with_drive(0, state=DriveState.FAULT))
-    assert told(None) != told(None, fault="no bus")
+    assert judged(READY) == judged(with_drive(0, feedback_age=0.017)), "numbers that always change are none"
+    assert judged(READY) != judged(replace(READY, phase=Phase.ENABLED))
+    assert judged(READY) != judged(with_drive(0, state=DriveState.FAULT))
+    assert judged(None) != judged(None, fault="no bus")
 
 
 def looked(auto_enable: AutoEnable, status: MasterStatus, now: float) -> tuple[bool, str]:

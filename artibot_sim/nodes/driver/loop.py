@@ -23,7 +23,7 @@ from artibot_sim.nodes.common.inputs import CommandInputs
 from artibot_sim.nodes.common.pacer import Pacer
 from artibot_sim.nodes.driver import parameters as parameters
 from artibot_sim.nodes.driver.commands import CommandGate, Silence
-from artibot_sim.nodes.driver.publishers import NO_REASON, DriverPublishers, Identity, diagnostics
+from artibot_sim.nodes.driver.publishers import NO_REASON, DriverPublishers, Identity, diagnostics, judged
 from artibot_sim.nodes.driver.services import obstacles, stop_text
 
 # ----------------------------------------------------------------------
@@ -312,7 +312,10 @@ class DriverLoop:
             The longest callback so far, ms.
         """
         state = lifecycle, self.status and (self.status.phase, self.status.stop)
-        self._out.diagnostics(time.monotonic_ns(), state, lambda: self._diagnostics(lifecycle, fault, held_up))
+        self._out.diagnostics(
+            time.monotonic_ns(), state, lambda: judged(self.status, fault),
+            lambda: self._diagnostics(lifecycle, fault, held_up),
+        )  # fmt: skip
 
     def _diagnostics(self, lifecycle: str, fault: str, held_up: float) -> Any:
         own = {

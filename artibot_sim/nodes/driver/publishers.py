@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
@@ -107,27 +107,51 @@ def diagnostics(
     """
     message = DiagnosticArray()
     stamp_of_ns(message, t_ns)
+    found = judged(status, fault)
     if status is None:
-        level, text = (ERROR, fault) if fault else (STALE, "not configured")
-        message.status = [_status(identity, level, "driver", identity.robot, text, own)]
+        message.status = [_status(identity, found[0], identity.robot, own)]
         return message
-    message.status = [_driver(identity, status, own), _bus(identity, config, status)]
-    message.status += [_drive(identity, drive) for drive in status.drives]
+    robot, bus = identity.robot, f"{config.interface} {config.channel}"
+    message.status = [
+        _status(identity, found[0], robot, _values_of_driver(status, own)),
+        _status(identity, found[1], bus, _values_of_bus(config, status)),
+    ]
+    for judgement, drive in zip(found[2:], status.drives, strict=True):
+        hardware = f"{robot} {drive.motor} (node {drive.node})"
+        message.status.append(_status(identity, judgement, hardware, _values_of_drive(drive)))
     return message
 
 
-def essence(message: DiagnosticArray) -> tuple[tuple[bytes, str, str], ...]:
-    """What of it is news when it changes."""
-    return tuple((each.level, each.name, each.message) for each in message.status)
+class Judgement(NamedTuple):
+    """What one status says in short: news where it changes.
+
+    Attributes
+    ----------
+    level : bytes
+    part : str
+        ``driver``, ``bus``, or a motor.
+    text : str
+    """
+
+    level: bytes
+    part: str
+    text: str
 
 
-def _status(
-    identity: Identity, level: bytes, part: str, hardware: str, text: str, values: Mapping[str, object]
-) -> DiagnosticStatus:
+def judged(status: MasterStatus | None, fault: str = "") -> list[Judgement]:
+    """Level and text of each status, in their order; far less work than the whole message."""
+    if status is None:
+        level, text = (ERROR, fault) if fault else (STALE, "not configured")
+        return [Judgement(level, DRIVER, text)]
+    return [_judged_driver(status), _judged_bus(status), *map(_judged_drive, status.drives)]
+
+
+def _status(identity: Identity, judgement: Judgement, hardware: str, values: Mapping[str, object]) -> DiagnosticStatus:
     pairs = [KeyValue(key=key, value=_word(value)) for key, value in values.items()]
     return DiagnosticStatus(
-        level=level, name=identity.name(part), hardware_id=identity.hardware(hardware), message=text, values=pairs
-    )
+        level=judgement.level, name=identity.name(judgement.part), hardware_id=identity.hardware(hardware),
+        message=judgement.text, values=pairs,
+    )  # fmt: skip
 
 
 def _word(value: object) -> str:
@@ -136,7 +160,7 @@ def _word(value: object) -> str:
     return "" if value is None else str(value)
 
 
-def _driver(identity: Identity, status: MasterStatus, own: Mapping[str, object]) -> DiagnosticStatus:
+def _judged_driver(status: MasterStatus) -> Judgement:
     stopped = f"stopped: {stop_text(status.stop)}" if status.stop is not None else ""
     asked_for = status.stop is not None and status.stop.reason.asked_for
     if stopped and (status.phase.moves or not asked_for):
@@ -148,7 +172,11 @@ def _driver(identity: Identity, status: MasterStatus, own: Mapping[str, object])
         level, text = WARN, _joined((status.phase.value, obstacles(status)))
     else:
         level, text = OK, stopped or status.phase.value
-    values = {
+    return Judgement(level, DRIVER, text)
+
+
+def _values_of_driver(status: MasterStatus, own: Mapping[str, object]) -> dict[str, object]:
+    return {
         "phase": status.phase.name,
         "stop reason": status.stop.reason.name if status.stop else "",
         "stop motor": status.stop.motor if status.stop else "",
@@ -157,13 +185,17 @@ def _driver(identity: Identity, status: MasterStatus, own: Mapping[str, object])
         **own,
         **status.counters,
     }
-    return _status(identity, level, "driver", identity.robot, text, values)
 
 
-def _bus(identity: Identity, config: DriverConfig, status: MasterStatus) -> DiagnosticStatus:
+def _judged_bus(status: MasterStatus) -> Judgement:
     bus = status.bus
     level = _BUS_LEVELS.get(bus.state, ERROR)
-    values = {
+    return Judgement(level, "bus", bus.state.value if level == OK else _joined((bus.state.value, bus.reason)))
+
+
+def _values_of_bus(config: DriverConfig, status: MasterStatus) -> dict[str, object]:
+    bus = status.bus
+    return {
         "interface": config.interface,
         "channel": config.channel,
         "state": bus.state.name,
@@ -172,12 +204,14 @@ def _bus(identity: Identity, config: DriverConfig, status: MasterStatus) -> Diag
         "receive errors": bus.rx_errors,
         "last trouble": bus.reason,
     }
-    text = bus.state.value if level == OK else _joined((bus.state.value, bus.reason))
-    return _status(identity, level, "bus", f"{config.interface} {config.channel}", text, values)
 
 
-def _drive(identity: Identity, drive: DriveStatus) -> DiagnosticStatus:
-    state = drive.state.name.lower().replace("_", " ") if drive.state else "unknown"
+def _state_of(drive: DriveStatus) -> str:
+    return drive.state.name.lower().replace("_", " ") if drive.state else "unknown"
+
+
+def _judged_drive(drive: DriveStatus) -> Judgement:
+    state = _state_of(drive)
     level, text = OK, state
     notes = [words for words, holds in _NOTES if holds(drive)] + ([drive.remark] if drive.remark else [])
     if drive.stage is SetupStage.SEEKING:
@@ -190,10 +224,14 @@ def _drive(identity: Identity, drive: DriveStatus) -> DiagnosticStatus:
         level, text = WARN, _joined((drive.trouble or drive.stage.value, drive.emergency, *notes))
     elif notes:
         level, text = WARN, _joined((state, *notes))
-    values = {
+    return Judgement(level, drive.motor, text)
+
+
+def _values_of_drive(drive: DriveStatus) -> dict[str, object]:
+    return {
         "node id": drive.node,
         "stage": drive.stage.name,
-        "state": state,
+        "state": _state_of(drive),
         "statusword": f"{drive.statusword:#06x}",
         "motor supply": bool(drive.statusword & StatusBit.VOLTAGE_ENABLED),
         "warns": drive.warns,
@@ -204,8 +242,6 @@ def _drive(identity: Identity, drive: DriveStatus) -> DiagnosticStatus:
         "since feedback (s)": drive.feedback_age,
         "set up": f"{100 * drive.progress:.0f} %",
     }
-    hardware = f"{identity.robot} {drive.motor} (node {drive.node})"
-    return _status(identity, level, drive.motor, hardware, text, values)
 
 
 def _joined(parts: Iterable[str]) -> str:
@@ -246,8 +282,8 @@ class DriverPublishers:
         self._diagnostics = publisher(node, DiagnosticArray, "/diagnostics")
         self._odometry = Odometry(metres_per_radian(robot), robot.front.i_y, Slip.of(settings, robot))
         self._sampled = 0
-        self._published: tuple[tuple[bytes, str, str], ...] = ()
-        self._published_ns = self._made_ns = 0
+        self._published: list[Judgement] = []
+        self._published_ns = self._judged_ns = 0
         self._state: object = None
 
     def feedback(self, feedback: Feedback, epoch_ns: int) -> None:
@@ -274,7 +310,9 @@ class DriverPublishers:
         t_ns = commanded.stamp_ns + epoch_ns
         self._motors.command(t_ns, commanded.front_velocity, commanded.back_effort)
 
-    def diagnostics(self, now_ns: int, state: object, made: Callable[[], DiagnosticArray]) -> None:
+    def diagnostics(
+        self, now_ns: int, state: object, news: Callable[[], list[Judgement]], made: Callable[[], DiagnosticArray]
+    ) -> None:
         """Publish /diagnostics once a second, and ten times a second at most when it says something new.
 
         Parameters
@@ -282,16 +320,17 @@ class DriverPublishers:
         now_ns : int
             Steady time.
         state : object
-            At once there may be news where this is another one, else ten times a second: the message is long to make.
+            At once there may be news where this is another one, else ten times a second.
+        news : callable
+            What the message says in short, see `judged`.
         made : callable
-            Makes the message.
+            Makes the message, which takes long.
         """
-        if now_ns - self._published_ns < NEWS_NS or (state == self._state and now_ns - self._made_ns < NEWS_NS):
+        if now_ns - self._published_ns < NEWS_NS or (state == self._state and now_ns - self._judged_ns < NEWS_NS):
             return
-        self._state, self._made_ns = state, now_ns
-        message = made()
-        news = essence(message)
-        if news == self._published and now_ns - self._published_ns < EVERY_NS:
+        self._state, self._judged_ns = state, now_ns
+        found = news()
+        if found == self._published and now_ns - self._published_ns < EVERY_NS:
             return
-        self._published, self._published_ns = news, now_ns
-        self._diagnostics.publish(message)
+        self._published, self._published_ns = found, now_ns
+        self._diagnostics.publish(made())
