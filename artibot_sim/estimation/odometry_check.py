@@ -504,8 +504,22 @@ def as_text(table: Sequence[OdometryErrors], windows: int, fitted: int, short: i
     return "\n".join(lines)
 
 
-def remarks(fit: Sequence[OdometryWindow], found: Sequence[OdometryWindow], robot: Robot, track: float) -> list[str]:
-    """Return what windows say beside the table, for a terminal: slip of the sides, a gyroscope's bias, the ground.
+def _heading_off(found: Sequence[OdometryWindow], sides: tuple[float, float] | None = None) -> float:
+    """Return the heading's mean absolute error by wheels of such sides, rad; by the model where none are given."""
+    ends = [one.model["model"] if sides is None else one.wheels(*sides) for one in found]
+    return float(np.mean([
+        abs(math.remainder(end[2] - one.truth[2], math.tau)) for end, one in zip(ends, found, strict=True)
+    ]))  # fmt: skip
+
+
+def remarks(
+    fit: Sequence[OdometryWindow],
+    found: Sequence[OdometryWindow],
+    robot: Robot,
+    track: float,
+    sides: tuple[float, float],
+) -> list[str]:
+    """Return what windows say beside the table, for a terminal: slip and size of the sides, gyroscope's bias, ground.
 
     Parameters
     ----------
@@ -514,8 +528,14 @@ def remarks(fit: Sequence[OdometryWindow], found: Sequence[OdometryWindow], robo
     robot : Robot
     track : float
         Fitted, m.
+    sides : tuple of float
+        Fitted track (m) and ratio of the sides.
     """
     said = []
+    if "wheel_radius_mismatch" not in robot.effects and _heading_off(found, sides) < _heading_off(found):
+        said.append(
+            f"the sides differ by {sides[1]:+.3g}, of which the model does not know: identify with --fit soil,geometry"
+        )
     walk, straight = heading_walk([*fit, *found], track)
     if math.isfinite(walk):  # else there are too few such windows
         stated = 2.0 * robot.odometry.travel_slip / robot.front.i_y

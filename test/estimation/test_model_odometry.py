@@ -20,10 +20,12 @@ from artibot_sim.estimation.odometry_check import (
     ENOUGH,
     OdometrySettings,
     OdometryWindow,
+    fitted_sides,
     fitted_track,
     gyro_bias,
     heading_walk,
     pieces,
+    remarks,
     repeatability,
     windows_for_covariance,
 )
@@ -261,6 +263,21 @@ def test_a_gyroscope_s_bias_is_said_where_windows_tell_it_surely() -> None:
     assert gyro_bias(windows(0.0, 0.005)) is None
     assert gyro_bias(windows(0.002, 0.0001)) is None, "as much as gyroscopes have"
     assert gyro_bias(windows(-0.015, 0.005)[:3]) is None
+
+
+def test_sides_that_differ_are_said_where_the_model_does_not_know_of_them() -> None:
+    robot, rng, ratio = load_robot("husky"), np.random.default_rng(6), -0.05
+    found, track = [], 0.9
+    for turn in rng.normal(0.0, 2.0, 30):
+        sides = np.array([[0.0, 0.0], [5.0 + 0.5 * track * turn, 5.0 - 0.5 * track * turn]])
+        bare = OdometryWindow(0.0, 10.0, sides, np.zeros(3), {}, {})
+        found.append(replace(bare, truth=bare.wheels(track, ratio), model={"model": bare.wheels(track)}))
+    fitted = fitted_sides(found, robot)
+    assert fitted == pytest.approx((track, ratio), rel=0.01)
+    (said,) = (text for text in remarks(found, found, robot, track, fitted) if "sides differ" in text)
+    assert "differ by -0.05," in said and "--fit soil,geometry" in said
+    knows = replace(robot, effects={"wheel_radius_mismatch": {"relative": ratio}})
+    assert not any("sides differ" in text for text in remarks(found, found, knows, track, fitted))
 
 
 def test_how_well_driving_alike_repeats_is_said_of_windows_in_a_row() -> None:

@@ -134,7 +134,7 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
     rows = check.rows(found, robot, track, sides, factors)
     slip = ModelOdometry.SLIP.times(factors["model"])
     click.echo(check.as_text(rows, len(found), len(fit), len(short)))
-    for remark in check.remarks(fit, found, robot, track):
+    for remark in check.remarks(fit, found, robot, track, sides):
         click.echo(remark)
     click.echo(
         f"for the node: odometry.travel_slip {slip.travel:.3g}, odometry.turn_slip {slip.turn:.3g}, "
