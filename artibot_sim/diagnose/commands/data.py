@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import savgol_filter
 
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.inputs import GAP
@@ -38,6 +39,10 @@ _FEW, _SOME = 8, 800
 """Parts, and samples of each, that say how noisy angles and speeds are."""
 
 
+_SLOWLY = 1.0
+"""s over which angles say better than the sum of speeds how far a motor has turned."""
+_ALIKE = 0.05
+"""Share of recorded speeds by which angles may differ from them over that time, to be of the same motor."""
 _LEAST = 8
 """Measurements in a part, below which it says nothing."""
 
@@ -71,6 +76,9 @@ class CommandData:
         s since the recording's start.
     period : float
         Typical spacing of the commands, s.
+    slow : array, shape (n,)
+        What recorded angles have recorded speeds lack over _SLOWLY, rad/s; zero with `rise`, and where none are
+        recorded. The sum of noisy speeds wanders, and angles do not.
     """
 
     command: Array
@@ -85,6 +93,7 @@ class CommandData:
     motor: Places
     middle: Array
     period: float
+    slow: Array
 
     def __len__(self) -> int:
         return len(self.speed)
@@ -141,11 +150,12 @@ def command_data(recordings: Sequence[Experiment], quantity: str = "velocity") -
     if not pieces:
         return None
     joined = [np.concatenate(column) for column in zip(*pieces, strict=True)]
-    at, speed, torque, whole, counts, recording, motor, middle = joined
+    at, speed, torque, whole, counts, recording, motor, slow, middle = joined
     period = float(np.median(np.concatenate([np.diff(part.t) for part in parts])))
     return CommandData(
-        np.concatenate(grid), np.array(begins), at, rise, speed, torque, whole, counts, recording, motor, middle, period
-    )
+        np.concatenate(grid), np.array(begins), at, rise, speed, torque, whole, counts, recording, motor, middle,
+        period, slow,
+    )  # fmt: skip
 
 
 def _parts(number: int, experiment: Experiment, quantity: str) -> Iterator[_Part]:
@@ -239,7 +249,26 @@ def _piece(part: _Part, rise: bool, base: int) -> tuple[Array, ...] | None:
         torque = _mean_between(*part.torque, t[:, 0], t[:, -1])
     at = (t - part.t[0]) / H + base + round(GUARD / H)
     size = len(t)
-    return at, speed, torque, whole, counts, np.full(size, part.recording), np.full(size, part.motor), middle
+    slow = np.zeros(size) if rise or len(part.angle[0]) < _LEAST else _slowly(part.angle, t, speed, whole[:, 0])
+    return at, speed, torque, whole, counts, np.full(size, part.recording), np.full(size, part.motor), slow, middle
+
+
+def _slowly(angle: tuple[Array, Array], t: Array, speed: Array, goes_on: Flags) -> Array:
+    """What angles say of speeds (n,), which are means over instants (n, k), beyond the speeds themselves, rad/s."""
+    middle, found = t.mean(axis=1), np.zeros(len(t))
+    turned = np.interp(t.ravel(), *angle).reshape(t.shape).mean(axis=1)
+    edges = np.flatnonzero(np.concatenate(([True], ~goes_on[1:], [True])))
+    for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        at = middle[begin:end]
+        if len(at) < _LEAST or at[-1] - at[0] < 2.0 * _SLOWLY:
+            continue
+        rises = 0.5 * (speed[begin + 1 : end] + speed[begin : end - 1]) * np.diff(at)
+        apart = turned[begin:end] - np.concatenate(([0.0], np.cumsum(rises)))
+        width = max(3, round(_SLOWLY / float(np.median(np.diff(at)))))
+        found[begin:end] = savgol_filter(apart, 2 * (width // 2) + 1, 1, deriv=1) / float(np.median(np.diff(at)))
+    if np.square(found).mean() > _ALIKE**2 * np.square(speed).mean():
+        return np.zeros(len(t))  # they are not the angles of these speeds
+    return found
 
 
 def _moving(part: _Part, share: float) -> bool:

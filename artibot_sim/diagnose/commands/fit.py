@@ -401,9 +401,11 @@ class CommandFits:
     def _loop_behind(self, response: CommandResponse) -> VelocityLoop | None:
         """The loop that explains torques beside a response, stamps as torques want them."""
 
+        slow = self.data.slow if response.filter == 0.0 else 0.0  # a low-pass holds speeds back and not angles
+
         def short(clock: float) -> Array:
             asked = predicted_speeds(self.data, response._replace(clock=clock))
-            return np.asarray((asked - self.data.speed) / response.scale)
+            return np.asarray((asked - self.data.speed - slow) / response.scale)
 
         most = self.fitter.clock
         cut = math.inf
