@@ -24,6 +24,7 @@ from artibot_sim.diagnose.candidates.hypotheses import hypotheses
 from artibot_sim.diagnose.candidates.screening import converged_baseline, screen
 from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
+from artibot_sim.diagnose.remains import beyond_noise
 from artibot_sim.diagnose.result import headline
 from artibot_sim.diagnose.selection.joint_fits import Rounds, contest
 from artibot_sim.diagnose.selection.per_recording import fitted_by_recording
@@ -32,6 +33,7 @@ from artibot_sim.diagnose.sizes import sized
 from artibot_sim.diagnose.validation.stability import disagreement
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.solver import evaluate
+from artibot_sim.experiment import Experiment
 from artibot_sim.model import load_robot
 
 Asserted = Callable[[Case], None]
@@ -85,6 +87,27 @@ def finds_both_waves(found: Case) -> None:
     _, slow, _, _, fast, _ = found.truth.unlisted["wandering_moment"]["wander"]
     true = [2.0 * np.pi / fast, 2.0 * np.pi / slow]
     assert sorted(law["scale"] for law in laws) == pytest.approx(true, rel=0.05)
+
+
+def seldom(one: Experiment) -> Experiment:
+    """What a slow logger keeps: rotations, points, and the articulation at 17 Hz; no torques and no IMU."""
+    motors, joints = one.channels["motor_torques"], one.channels["joint_states"]
+    turned = {name: values for name, values in motors.columns.items() if not name.endswith("effort")}
+    bent = {name: values[::3] for name, values in joints.columns.items() if name.startswith("articulation")}
+    stamps = {name: getattr(joints, name)[::3] for name in ("t_ns", "t", "received_ns")}
+    channels = {"joint_states": replace(joints, **stamps, columns=bent), "total_station": one.channels["total_station"]}
+    return replace(one, channels={**channels, "motor_torques": replace(motors, columns=turned)})
+
+
+def says_that_more_is_there(found: Case) -> None:
+    """Nothing is named, by effect or by force; what is left is said, and what to record."""
+    recordings, holdout = map(seldom, found.recordings), map(seldom, found.holdout)
+    answer = diagnose(list(recordings), load_robot(found.robot), holdout=list(holdout))
+    assert answer.verdict is Verdict.UNEXPLAINED and not answer.causes and answer.unexplained is None
+    assert beyond_noise(answer.left) == ("articulation_yaw",)
+    assert "More than noise is left in articulation angle, and no known effect and no force" in headline(answer)
+    assert not answer.extended.effects
+    assert answer.next_experiment is not None and "yaw rate" in answer.next_experiment.what
 
 
 def names_the_delay_and_finds_the_drag(found: Case) -> None:
@@ -237,6 +260,10 @@ TABLE = (
     Row(
         "sensitivities of whole windows show it where the regression, on a bent soil, says nothing of it",
         ("wandering_moment",), 0.35, 3, "agriq", finds_both_waves, {"runs": 1, "duration": 20.0}, ("external_force",),
+    ),
+    Row(
+        "a force of which a slow logger says too little to place it is said to be there and not named",
+        ("wandering_moment",), 1.0, 3, "agriq", says_that_more_is_there, {"runs": 1, "duration": 20.0}, (), always=True,
     ),
     Row(
         "beside the nearest name, which takes a part of it, a drag is found; on that soil it does without the name",

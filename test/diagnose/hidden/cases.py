@@ -14,7 +14,7 @@ from diagnose.hidden.effects import ADDED, LISTED, Recipe
 from diagnose.hidden.ground import OTHER_GROUND, RECIPE, RECORDING
 from diagnose.hidden.machine import Machine, machine, random_soil
 from diagnose.hidden.sensors import Noise, Table
-from diagnose.hidden.unlisted import LAWS, ON_COMMANDS, UNLISTED, WITHOUT_LAW
+from diagnose.hidden.unlisted import LAWS, ON_COMMANDS, UNLISTED
 
 from artibot_sim.diagnose.records import HORIZON
 from artibot_sim.diagnose.sizes import factors, scale_of
@@ -36,7 +36,7 @@ LEAST_NATS = 10.0
 """An effect that changes what the sensors say by less never acts: the truth is then that it is not there."""
 KNOWN = {**LISTED, **ADDED}
 """Of all that a diagnosis can name."""
-RECIPES = {**KNOWN, **UNLISTED, **LAWS, **WITHOUT_LAW, **ON_COMMANDS, OTHER_GROUND: RECIPE}
+RECIPES = {**KNOWN, **UNLISTED, **LAWS, **ON_COMMANDS, OTHER_GROUND: RECIPE}
 """Of all that can be hidden."""
 WIDEST = 1.3
 """rad of articulation beyond which a drive is thrown away: a real rover would be damaged."""

@@ -78,12 +78,6 @@ def _ceiling(machine: Machine, values: Values) -> Machine:
     return replace(machine, way=replace(machine.way, fastest=values["fastest"]))
 
 
-def _swinging_load(rng: Rng, s: float, track: np.ndarray) -> Values:
-    """A load that swings on the back module: two waves of time, quicker than any that a law is tried with."""
-    slow, quick = 2 * pi / rng.uniform(0.8, 0.9), 2 * pi / rng.uniform(0.6, 0.7)
-    return {"wander": (40.0 * s, float(slow), _phase(rng), 30.0 * s, float(quick), _phase(rng))}
-
-
 UNLISTED: dict[str, Recipe] = {
     "yaw_drag": Recipe(_yaw_drag, _hide),
     "wandering_moment": Recipe(_wandering_moment, _hide),
@@ -159,9 +153,6 @@ LAWS: dict[str, Recipe] = {
 
 ON_COMMANDS: dict[str, Recipe] = {"command_ceiling": Recipe(_command_ceiling, _ceiling)}
 """What happens to commands, and is on no list."""
-
-WITHOUT_LAW: dict[str, Recipe] = {"swinging_load": Recipe(_swinging_load, _hide)}
-"""What no law describes that is tried."""
 
 ACTS_ON: dict[str, dict[str, Any]] = {
     "yaw_drag": {"force": "yaw moment", "variable": "yaw rate"},
