@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,8 +17,8 @@ Array = NDArray[np.float64]
 def linear_velocity(q: Array, v: Array, module: int = 0) -> Array:
     """Velocity of a module's origin in its own frame, m/s, shape (…, 3), at states (…, 16)."""
     s_a, c_a, s_b, c_b, s_g, c_g = _turns(q, module)
-    b = BACK * module
-    forward, left, up = c_g * v[..., b] + s_g * v[..., b + 1], c_g * v[..., b + 1] - s_g * v[..., b], v[..., b + Z]
+    x, y, up = _parts(v, BACK * module, BACK * module + 1, BACK * module + Z)
+    forward, left = c_g * x + s_g * y, c_g * y - s_g * x
     ahead, over = c_b * forward - s_b * up, s_b * forward + c_b * up
     return _in_columns(ahead, c_a * left + s_a * over, c_a * over - s_a * left)
 
@@ -23,14 +26,21 @@ def linear_velocity(q: Array, v: Array, module: int = 0) -> Array:
 def angular_velocity(q: Array, v: Array, module: int = 0) -> Array:
     """Angular velocity of a module in its own frame, from the rates of its angles (eq. 2), rad/s, shape (…, 3)."""
     s_a, c_a, s_b, c_b, _, _ = _turns(q, module)
-    b = BACK * module
-    roll, pitch, yaw = v[..., b + ALPHA], v[..., b + BETA], v[..., b + GAMMA]
+    roll, pitch, yaw = _parts(v, *(BACK * module + i for i in (ALPHA, BETA, GAMMA)))
     return _in_columns(roll - s_b * yaw, c_a * pitch + s_a * c_b * yaw, c_a * c_b * yaw - s_a * pitch)
 
 
-def _in_columns(*parts: Array) -> Array:
-    """Components (…) as (…, n); a node asks for those of one state a hundred times a second."""
-    return np.stack(parts, axis=-1) if parts[0].ndim else np.array(parts)
+def _parts(of: Array, *places: int) -> list[Any]:
+    """Components (…) of (…, n): plain numbers of one state, which a node asks for a hundred times a second."""
+    if of.ndim > 1:
+        return [of[..., i] for i in places]
+    values = of.tolist()
+    return [values[i] for i in places]
+
+
+def _in_columns(*parts: Any) -> Array:
+    """Components (…) as (…, n)."""
+    return np.stack(parts, axis=-1) if np.ndim(parts[0]) else np.array(parts)
 
 
 def axes_of(q: Array, module: int = 0) -> Array:
@@ -54,6 +64,8 @@ def joint_motion(q: Array, v: Array) -> tuple[Array, Array]:
     """
     angles, rates = articulations(q), articulations(v)
     tilts = [ALPHA, BETA, BACK + ALPHA, BACK + BETA]
+    if q.ndim == 1 and not (any(_parts(q, *tilts)) or any(_parts(v, *tilts))):
+        return angles, rates
     tilted = np.asarray(q[..., tilts].any(axis=-1) | v[..., tilts].any(axis=-1))
     if q.shape[-1] != 2 * BACK or not tilted.any():
         return angles, rates
@@ -66,7 +78,8 @@ def joint_motion(q: Array, v: Array) -> tuple[Array, Array]:
     return np.where(tilted[..., None], exact[0], angles), np.where(tilted[..., None], exact[1], rates)
 
 
-def _turns(q: Array, module: int) -> tuple[Array, ...]:
+def _turns(q: Array, module: int) -> tuple[Any, ...]:
     """Sines and cosines of roll, pitch and yaw."""
-    b = BACK * module
-    return tuple(turn(q[..., b + i]) for i in (ALPHA, BETA, GAMMA) for turn in (np.sin, np.cos))
+    angles = _parts(q, *(BACK * module + i for i in (ALPHA, BETA, GAMMA)))
+    turns: Any = (np.sin, np.cos) if q.ndim > 1 else (math.sin, math.cos)
+    return tuple(turn(angle) for angle in angles for turn in turns)

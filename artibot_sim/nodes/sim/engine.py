@@ -247,11 +247,12 @@ def sample_of(
 ) -> TrueState:
     """The sample of a state (q, v), both of shape (16,), under motor torques (4,); it keeps views of the arrays."""
     motors, passive = motor_coordinates(robot), None in robot.drive.trailing
-    c, s = math.cos(q[5]), math.sin(q[5])
+    yaw = float(q[5])
+    c, s, (x, y, *_, rate) = math.cos(yaw), math.sin(yaw), v[:6].tolist()
     return TrueState(
         position=q[:3],
         rpy=q[3:6],
-        twist=(float(c * v[0] + s * v[1]), float(c * v[1] - s * v[0]), float(v[5])),
+        twist=(c * x + s * y, c * y - s * x, rate),
         velocity=linear_velocity(q, v),
         rates=angular_velocity(q, v),
         specific_force=specific_force,
