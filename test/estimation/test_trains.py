@@ -26,7 +26,7 @@ from artibot_sim.identify import Effort, identify
 from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.synthetic import Noise, synthetic
-from artibot_sim.model import Commands, Mode, Robot, load_robot, rollout
+from artibot_sim.model import Commands, Mode, Robot, initial_state, load_robot, rollout
 from artibot_sim.model.kernels.layout import BACK
 from artibot_sim.model.simulate.train_windows import TrainWindows
 from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, SamplingPlan, kind_of
@@ -122,6 +122,33 @@ def test_windows_side_by_side_are_those_one_by_one(effects: dict[str, dict[str, 
         windows.run(i, alone[i])
     np.testing.assert_allclose(together, alone, rtol=0.0, atol=1e-9)
     assert np.isfinite(alone).all()
+
+
+def test_motors_that_their_gears_hold_stand_side_by_side_too() -> None:
+    """On slopes, held by the front motors, from several motions that soon end: reversals and rest of motors behind."""
+    robot, rng = load_robot("train3"), np.random.default_rng(5)
+    robots = [
+        replace(robot, effects={"slope": {"grade": grade, "heading": heading}, "stiction": {"length": 0.005}})
+        for grade, heading in ((0.1, 0.0), (0.3, 2.8), (0.2, 1.0))
+    ]
+    motors, count = len(robot.motors), 11
+    still = np.zeros((100, motors))
+    table = MotorTable(0.01, still, still, still * np.nan, (Mode.PRESCRIBED,) * 2 + (Mode.TORQUE,) * (motors - 2))
+    t, names = np.arange(0.0, 0.75, 0.03), ["x", "y", "a_x", *(f"torque_{motor}" for motor in robot.motors)]
+    plan = SamplingPlan(np.tile(t, len(names)), np.repeat([kind_of(name) for name in names], len(t)))
+    q, v = (np.tile(part, (count, 1)) for part in (initial_state(robots[0]).q, np.zeros(24)))
+    v[:, [14, 15]] = rng.normal(size=(count, 2))
+    none = np.zeros(count, np.int64)
+    items = Items(np.arange(count) % 3, none, none, none, 75 + np.arange(count) % 4, q, v, np.zeros(count))
+    windows = TrainWindows(robots, [table], [plan], items, 1e-3)
+    assert not len(windows._alone)
+    together, alone = np.full((2, count, len(plan.t)), np.nan)
+    windows.run_all(0, 1, together.ravel())
+    for i in range(count):
+        windows.run(i, alone[i])
+    np.testing.assert_allclose(together, alone, rtol=0.0, atol=1e-9)
+    late = alone[:, : 2 * len(t)].reshape(count, 2, len(t))[:, :, t > 0.5]
+    assert np.abs(np.diff(late)).max() < 1e-6, "they must stand"
 
 
 def test_names_of_what_is_sampled_have_numbers_of_their_own() -> None:

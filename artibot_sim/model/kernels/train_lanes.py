@@ -32,9 +32,11 @@ from artibot_sim.model.equations.transmission import (
     axle_torque,
     drives_next,
     follow,
+    impulses,
     motor_equation,
     reflect,
     rolling_sign,
+    sticks,
 )
 from artibot_sim.model.kernels.compilation import inlined, kernel, line_up_stack
 from artibot_sim.model.kernels.elementary import cubic_at, cubic_between, sincos, turn_by
@@ -90,8 +92,9 @@ _SIZES = {
     "P_0": 2, "V_0": 2, "P_1": 2, "V_1": 2, "C_2": 2, "C_3": 2, "GOING": 2,
     # commanded torque (NaN: eq. 30), eq. 30's factor, and the sum of the front motors' torques a step before
     "GIVEN": 2, "SHARE": 2, "FRONT": 2,
-    # motors: torque now, drag in it, speed after the step, inverse efficiency; what they are made of
-    "TORQUE": 2, "DRAG": 2, "SPEED": 2, "GEAR": 2,
+    # motors: torque now, drag in it, speed after the step, inverse efficiency, inertia by that, the wheels' load;
+    # whether its gear holds it at rest, and its inverse efficiency then; what they are made of
+    "TORQUE": 2, "DRAG": 2, "SPEED": 2, "GEAR": 2, "INERTIA": 2, "LOAD": 2, "STANDS": 2, "BETWEEN": 2,
     "MODE": 2, "TAU": 2, "R_W": 2, "J_M": 2, "J_W": 2, "DRIVING": 2, "BRAKING": 2, "TORQUE_MAX": 2,
     "DAMPING": 2, "STIFFNESS": 2, "LEVER": 2, "ROLLS": 2, "SHAFT": 2,
     "BODY": len(Body._fields), "GROUND": len(CommonTerms._fields),
@@ -356,11 +359,13 @@ def step_side(S, fx, effects, j, motor, on, kept, body, s, dt, free):
         acceleration = acceleration if prescribed else own
     new = speed + dt * acceleration
     forces = forces_after(body, effects, on[0], on[1], motor, r_w * (tau * new), angle, kept, dt)
-    needed, drag = J * acceleration + gear * load_at(S, j, forces, tau * new), 0.0
+    load = gear * load_at(S, j, forces, tau * new)
+    needed, drag = J * acceleration + load, 0.0
     if effects is not None:
         drag = dragging(S, effects, j, motor, new)
         needed += drag
     S[j + AT.ACC + ANGLES], S[j + AT.SPEED], S[j + AT.DRAG] = acceleration, new, drag
+    S[j + AT.INERTIA], S[j + AT.LOAD] = J, load
     S[j + AT.TORQUE] = (needed if prescribed else torque) if free else needed
     return forces
 
@@ -420,13 +425,14 @@ def step_module(S, fx, b, number, s, t, dt, free):
 
 
 @inlined
-def feed_back(S, modules, free):
+def feed_back(S, modules, free, dt):
     """What the next step takes from this one: the front motors' torques (eq. 30), and efficiencies (eq. 23)."""
     for i in range(modules):
         for e in range(LANES if free[i] else 0):
             shared, j = S[AT.TORQUE + e] + S[AT.TORQUE + LANES + e], i * MODULE + AT.FRONT + e
             S[j], S[j + LANES] = shared, shared
     for i in range(modules):
+        stand = motors_at_rest(S, i * MODULE, dt)
         for j in range(i * MODULE, i * MODULE + 2 * LANES):
             torque, drag = S[j + AT.TORQUE], S[j + AT.DRAG]
             measured = S[j + AT.GIVEN] if S[j + AT.MODE] == PRESCRIBED else math.nan
@@ -435,6 +441,28 @@ def feed_back(S, modules, free):
                 S[j + AT.DRIVING], S[j + AT.BRAKING], measured - drag,
             ) else 0.0  # fmt: skip
             S[j + AT.GEAR] = drives * S[j + AT.DRIVING] + (1.0 - drives) * S[j + AT.BRAKING]
+        if stand:
+            for j in range(i * MODULE, i * MODULE + 2 * LANES):
+                S[j + AT.GEAR] = S[j + AT.BETWEEN] if S[j + AT.STANDS] > 0.0 else S[j + AT.GEAR]
+
+
+@inlined
+def motors_at_rest(S, b, dt):
+    """Which motors of the module at `b` their gears hold at rest, and by what inverse efficiency; whether any."""
+    stand = 0
+    for j in range(b, b + 2 * LANES):
+        M_gear = S[j + AT.TORQUE] - S[j + AT.DRAG]
+        measured = S[j + AT.GIVEN] == S[j + AT.GIVEN] and S[j + AT.MODE] == PRESCRIBED
+        brought, taken = impulses(M_gear, S[j + AT.SPEED], S[j + AT.LOAD], S[j + AT.J_M], S[j + AT.INERTIA], dt)
+        stands = sticks(M_gear, brought, taken, S[j + AT.GEAR], S[j + AT.DRIVING], S[j + AT.BRAKING])
+        S[j + AT.STANDS] = 1.0 if stands and not measured else 0.0
+        stand += stands
+    if stand > 0:
+        for j in range(b, b + 2 * LANES):
+            M_gear = S[j + AT.TORQUE] - S[j + AT.DRAG]
+            brought, taken = impulses(M_gear, S[j + AT.SPEED], S[j + AT.LOAD], S[j + AT.J_M], S[j + AT.INERTIA], dt)
+            S[j + AT.BETWEEN] = S[j + AT.GEAR] * brought / taken
+    return stand > 0
 
 
 # ----------------------------------------------------------------------
@@ -710,7 +738,7 @@ def simulate(S, rows, work, order, block, fx, dt, knot_steps, free):
         if phase == 0:
             keep_rows(S, modules, knot, rows)
         advance(S, fx, modules, dt)
-        feed_back(S, modules, free)
+        feed_back(S, modules, free, dt)
 
 
 @inlined
