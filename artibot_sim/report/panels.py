@@ -201,6 +201,16 @@ class Figure:
         return any(panel.key == key for panel in self.panels)
 
 
+ROUNDING = 1e-9
+"""Span over the larger of 1 and what is drawn, up to which a curve is one number and its shape is rounding."""
+
+
+def constant_range(low: float, high: float) -> tuple[float, float] | None:
+    """Return the range of an axis along which all that is drawn is one number but for rounding; None of any other."""
+    size = max(1.0, abs(low), abs(high))
+    return (low - 0.05 * size, high + 0.05 * size) if 0.0 < high - low <= ROUNDING * size else None
+
+
 def extent(values: Sequence[Floats]) -> tuple[float, float]:
     """Return the least and greatest finite value of several arrays (0, 0 where there is none)."""
     finite = [column[np.isfinite(column)] for column in values]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from artibot_sim.report import style
-from artibot_sim.report.panels import Arrows, Figure, Outline, Panel
+from artibot_sim.report.panels import Arrows, Figure, Outline, Panel, constant_range
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -142,6 +142,10 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
     if panel.equal:
         axes.set_aspect("equal", adjustable="datalim")
         axes.margins(0.05)
+        if (constant := constant_range(*axes.dataLim.intervalx)) is not None:
+            axes.set_xlim(*constant)
+    if (constant := constant_range(*axes.dataLim.intervaly)) is not None:
+        axes.set_ylim(*constant)
 
 
 def line_style(stroke: style.Stroke) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from artibot_sim.report import style
-from artibot_sim.report.panels import Arrows, Floats, LegendEntry, Line, Outline, Panel, extent
+from artibot_sim.report.panels import Arrows, Floats, LegendEntry, Line, Outline, Panel, constant_range, extent
 
 MOST_POINTS = 3_000
 """Longer lines are thinned: a browser would crawl, and no screen shows more."""
@@ -169,6 +169,8 @@ def _layout(panel: Panel, time_span: tuple[float, float]) -> dict[str, Any]:
         y |= {"range": _span([corners[:, 1]], 0.05), "scaleanchor": "x", "scaleratio": 1, "showline": True}
     else:
         x |= {"range": _span([np.array(time_span)] if panel.timed else [line.x for line in panel.lines])}
+        if (constant := constant_range(*extent([line.y for line in panel.lines]))) is not None:
+            y |= {"range": list(constant)}
     return {
         "font": {"family": style.WEB_FONTS, "size": 13, "color": style.INK}, "paper_bgcolor": style.PAPER,
         "plot_bgcolor": style.PAPER, "margin": {"l": 56, "r": 12, "t": 8, "b": 44}, "autosize": True,
@@ -186,5 +188,7 @@ def _layout(panel: Panel, time_span: tuple[float, float]) -> dict[str, Any]:
 def _span(columns: Sequence[Floats], margin: float = 0.0) -> list[float]:
     """Return the range of an axis, with a margin as a fraction of what is shown."""
     first, last = extent(columns)
+    if (constant := constant_range(first, last)) is not None:
+        return list(constant)
     room = margin * (last - first) if last > first else 0.5
     return [first - room, last + room]

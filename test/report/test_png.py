@@ -51,6 +51,20 @@ def drawn(monkeypatch: pytest.MonkeyPatch, figure: object) -> object:
     return caught[0]
 
 
+def test_rounding_is_drawn_as_the_number_that_it_is_around(
+    monkeypatch: pytest.MonkeyPatch, run: Experiment, agriq: Robot
+) -> None:
+    """A rover that stands still does not seem to drive: its path and yaw are no wider than rounding."""
+    figure = experiment_figure([run], [agriq])
+    still = tuple(
+        replace(panel, lines=tuple(replace(line, y=1e-17 * line.y) for line in panel.lines), outlines=(), arrows=())
+        for panel in figure.panels
+    )
+    canvas = drawn(monkeypatch, replace(figure, panels=still))
+    for axes in canvas.axes:  # type: ignore[attr-defined]
+        assert np.ptp(axes.get_ylim()) > 0.05
+
+
 @pytest.mark.parametrize("several", [False, True])
 def test_panels_hold_the_lines_and_nothing_covers_them(
     monkeypatch: pytest.MonkeyPatch, runs: list[Experiment], agriq: Robot, several: bool
