@@ -270,8 +270,6 @@ def names(rig: Rig) -> Iterator[str]:
 # ----------------------------------------------------------------------
 
 
-SECOND: Final = 1_000_000_000
-
 Line = Callable[[float, int, AnyFrame, Explained], str]
 """Takes seconds since the recording's beginning, the stamp in ns, the frame and what it says; returns its line(s)."""
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.records import EffectEstimate
 from artibot_sim.estimation.parameters import Extension, ParameterSet
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Fit, Tick
-from artibot_sim.estimation.surroundings import Surroundings, surroundings
+from artibot_sim.estimation.search import Fit
+from artibot_sim.estimation.surroundings import Surroundings
 from artibot_sim.estimation.uncertainty import from_bootstrap
 from artibot_sim.identify.judgement import SYSTEMATIC
 
@@ -43,13 +43,6 @@ class Uncertain:
 
     coordinates: Array
     covariance: Array
-
-
-def uncertain(
-    problem: Problem, fit: Fit, from_commands: FromCommands | None = None, tick: Tick = lambda: None
-) -> Uncertain:
-    """Values and covariances of what was fitted: the wider of curvature and bootstrap, and what neither sees."""
-    return judged(problem, fit, surroundings([(problem, fit)], tick)[0], from_commands)
 
 
 def judged(problem: Problem, fit: Fit, around: Surroundings, from_commands: FromCommands | None = None) -> Uncertain:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
-from artibot_sim.diagnose.intervals import Uncertain, combined, uncertain
+from artibot_sim.diagnose.intervals import Uncertain, combined, judged
 from artibot_sim.diagnose.records import EffectEstimate
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.estimation.encoder_noise import NoiseShare, noise_share
@@ -17,7 +17,7 @@ from artibot_sim.estimation.parameters import Extension, ParameterSet
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge, free_parameters
 from artibot_sim.estimation.solver import evaluate, reduce
-from artibot_sim.estimation.surroundings import along
+from artibot_sim.estimation.surroundings import along, surroundings
 from artibot_sim.estimation.uncertainty import Node, reweighted
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.problems import problem_of
@@ -65,7 +65,7 @@ def test_what_only_a_sensor_says_answers_no_noise(fitted: tuple[Problem, Fit]) -
 def test_what_the_noise_has_bent_is_straightened(fitted: tuple[Problem, Fit]) -> None:
     problem, fit = fitted
     bent = fit.point.coordinates[-1]
-    found = uncertain(problem, fit)
+    found = judged(problem, fit, surroundings([(problem, fit)])[0])
     own, sd = found.coordinates[-1], np.sqrt(found.covariance[-1, -1])
     assert bent < -0.1  # wheels that are all alike seem to grip less at the back
     assert abs(own) < 0.4 * abs(bent)

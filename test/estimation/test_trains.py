@@ -99,7 +99,7 @@ def test_samples_are_those_of_a_rollout_for_every_module_and_joint() -> None:
     ids=lambda effects: "+".join(effects) or "none",
 )
 def test_windows_side_by_side_are_those_one_by_one(effects: dict[str, dict[str, float | str]]) -> None:
-    """Of different robots, starts and lengths, more than fill a block; with prescribed motors behind and without."""
+    """Of different robots, starts and lengths, more than fill a block; motors behind prescribed or not, or at rest."""
     robot = load_robot("train5")
     softer = replace(robot, contact=replace(robot.contact, k_l=0.7 * robot.contact.k_l), effects=effects)
     robots, turned = [replace(robot, effects=effects), softer], bent_table(robot)
@@ -114,14 +114,18 @@ def test_windows_side_by_side_are_those_one_by_one(effects: dict[str, dict[str, 
         np.arange(count) % 2, np.arange(count) % 3 % 2, np.zeros(count, np.int64), rows, 75 + np.arange(count) % 4,
         at.q[rows], at.v[rows], 0.01 * rows,
     )  # fmt: skip
-    windows = TrainWindows(robots, [turned, free], [plan], items, 1e-3)
-    assert not len(windows._alone)
-    together, alone = np.full((2, count, len(plan.t)), np.nan)
-    windows.run_all(0, 1, together.ravel())
-    for i in range(count):
-        windows.run(i, alone[i])
-    np.testing.assert_allclose(together, alone, rtol=0.0, atol=1e-9)
-    assert np.isfinite(alone).all()
+    none = np.zeros_like(turned.position)
+    still = replace(free, position=none, velocity=none, torque=none + 0.02)
+    rest = initial_state(robots[0])
+    for tables, some in (([turned, free], items), ([still], one_item(rest.q, rest.v, 75))):
+        windows = TrainWindows(robots, tables, [plan], some, 1e-3)
+        assert not len(windows._alone)
+        together, alone = np.full((2, len(some), len(plan.t)), np.nan)
+        windows.run_all(0, 1, together.ravel())
+        for i in range(len(some)):
+            windows.run(i, alone[i])
+        np.testing.assert_allclose(together, alone, rtol=0.0, atol=1e-9)
+        assert np.isfinite(alone).all()
 
 
 def test_motors_that_their_gears_hold_stand_side_by_side_too() -> None:

@@ -306,7 +306,7 @@ def with_disc(problem: Problem, which: int, disc: Array) -> Problem:
 # Where a disc is cannot be fitted by gradients: predictions jump as its edge comes under another wheel. So many
 # discs around it are tried, each with the effect's size, the soil and the starts fitted anew; of windows that a
 # disc does not touch the fit's normal equations tell what another soil costs. Then windows are weighted at random,
-# as for all other values (`uncertain`), each time the disc with the least loss is taken, and the interval holds
+# as for all other values (`intervals.judged`), each time the disc with the least loss is taken, and the interval holds
 # what comes out.
 # ----------------------------------------------------------------------
 

@@ -8,7 +8,6 @@ from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from artibot_sim.diagnose.commands.data import CommandData, command_data
 from artibot_sim.diagnose.commands.fit import Fitter
@@ -251,8 +250,6 @@ def _begin(robots: Mapping[str, Robot], entry: LibraryManoeuvre) -> tuple[float,
 # What to measure next where a force acts that is on no list: the manoeuvre that shows best what it follows.
 # ----------------------------------------------------------------------
 
-
-Array = NDArray[np.float64]
 
 RIVALS = 3
 """So many other forces at most are to be told from the one that was found."""

@@ -107,10 +107,49 @@ _BETTER = 100.0
 """Nats by which a search must better its own baseline, and by more than what it finds is worth, to be made again."""
 
 
-def decide(
-    problem: Problem, fit: Fit, options: Options, ticks: Timetable, view: CommandView, every: EveryWindow | None = None
-) -> Decision:
-    """Add the best effect to the model as long as the data ask for one, and drop what is not needed any more.
+class SearchTime:
+    """The time that searches have: once there is none for one, none follows.
+
+    Parameters
+    ----------
+    options : Options
+
+    Attributes
+    ----------
+    took : float
+        s, of the last search for one more effect.
+    untried : list of str
+        Searches that there was no time for.
+    """
+
+    def __init__(self, options: Options) -> None:
+        self._options = options
+        self.took, self.untried = 0.0, list[str]()
+
+    @property
+    def stopped(self) -> bool:
+        """Whether no search follows."""
+        return bool(self.untried)
+
+    def within(self, what: str, search: Callable[[], Result]) -> Result | None:
+        """What a search finds; None if its time is up before."""
+        try:
+            with until(time.perf_counter() + self._options.for_search):
+                return search()
+        except TimeIsUp:
+            self.untried.append(what)
+            return None
+
+    def lacks(self, what: str) -> bool:
+        """Whether a search that takes as long as the last one would take longer than is left."""
+        if self.took <= self._options.for_search:
+            return False
+        self.untried.append(what)
+        return True
+
+
+class Naming:
+    """The model as it grows, and what was named on the way.
 
     Parameters
     ----------
@@ -124,11 +163,6 @@ def decide(
         All windows, where `problem` has some of them: what the search does not name is judged by them, and they have
         the last word on the sizes of what is named.
     """
-    return Naming(problem, fit, options, ticks, view, every).decide()
-
-
-class Naming:
-    """The model as it grows, and what was named on the way; arguments as of `decide`."""
 
     def __init__(
         self, problem: Problem, fit: Fit, options: Options, ticks: Timetable, view: CommandView,
@@ -141,8 +175,8 @@ class Naming:
         self._refuted: list[str] = []
         self._between: list[tuple[Problem, Fit]] = []
         self._whole: list[tuple[Fit, tuple[Problem, Fit]]] = []
-        self._again = self._exhausted = self._stopped = False
-        self._took, self._untried = 0.0, list[str]()
+        self._again = self._exhausted = False
+        self._time = SearchTime(options)
         self._soils: tuple[Problem, tuple[Point, ...]] = problem, ()
         self._from_commands = self._other = others(view)
         self._stages = [self._search_stage(problem, fit, fit.loss)]  # whatever the time: else nothing was tried
@@ -183,26 +217,8 @@ class Naming:
         beside = [soil for soil in soils if self._rounds.differ(problem, fit, soil)] if of is problem else ()
         asked = [name for name, one in self._from_commands.items() if one.nats >= self._options.least]
         found = stage(problem, fit, loss, self._names, self._rounds, self._ticks, self._options.parts, beside, asked)
-        self._took = time.perf_counter() - begun
+        self._time.took = time.perf_counter() - begun
         return self._weighed(found)
-
-    def _in_time(self, what: str, search: Callable[[], Result]) -> Result | None:
-        """What a search finds; None if its time is up before, and then it is noted as not tried and none follows."""
-        try:
-            with until(time.perf_counter() + self._options.for_search):
-                return search()
-        except TimeIsUp:
-            self._untried.append(what)
-            self._stopped = True
-            return None
-
-    def _no_time(self, what: str) -> bool:
-        """Whether another search would take longer than is left; then it is noted as not tried, and none follows."""
-        if self._took <= self._options.for_search:
-            return False
-        self._untried.append(what)
-        self._stopped = True
-        return True
 
     def decide(self) -> Decision:
         """Add effects, and drop what is not needed any more, until the data ask for no more."""
@@ -229,7 +245,7 @@ class Naming:
     def add(self) -> None:
         """Name one effect after the other."""
         thresholds, least = self._options.thresholds, self._options.least
-        while not self._stopped:
+        while not self._time.stopped:
             found, out, full = self._found, self._out, self._full()
             if full:
                 out = (*out, *(effect for effect in EFFECTS if "rotation" in _views(effect)))
@@ -250,7 +266,7 @@ class Naming:
     def _by_every_window(self, best: Named | None) -> Named | None:
         """The best effect by the evidence of all windows, where the search has only some of them."""
         rivals = [] if self._every is None else self._rivals_for_every_window(self._every, best)
-        if self._every is None or not rivals or self._no_time(_EVERY):
+        if self._every is None or not rivals or self._time.lacks(_EVERY):
             return best
         return self._of_all(self._every, rivals, best)
 
@@ -282,7 +298,7 @@ class Naming:
         """The best effect once these have the evidence of all windows; the `best` one so far if there is no time."""
         found, options = self._found, self._options
         self._ticks.begin(Task.WINDOWS, _search_name(self._names))
-        stated = self._in_time(_EVERY, lambda: options.parts.once(
+        stated = self._time.within(_EVERY, lambda: options.parts.once(
             _EVERY, lambda: every.evidence(found.problem, found.fit, rivals, len(self._named), self._rounds)
         ))  # fmt: skip
         if stated is None:
@@ -301,7 +317,7 @@ class Naming:
         if self._named or self._again or found.fallen <= max(_BETTER, best.nats if best else 0.0):
             return None
         self._again = True
-        return self._in_time(
+        return self._time.within(
             "effects beside a better soil", lambda: self._search_stage(found.problem, found.fit, found.loss)
         )
 
@@ -311,10 +327,10 @@ class Naming:
         if self._exhausted or not leaves_more_than_noise(remains(self._problem, self._fit.point)):
             return None
         self._exhausted = True
-        if self._no_time(_THOROUGH):
+        if self._time.lacks(_THOROUGH):
             return None
         self._ticks.begin(Task.SEARCH, f"{_search_name(self._names)}, each fitted to the end")
-        return self._in_time(_THOROUGH, lambda: self._weighed(
+        return self._time.within(_THOROUGH, lambda: self._weighed(
             thorough(found, self._names, self._rounds, self._ticks, self._options.parts)
         ))  # fmt: skip
 
@@ -333,7 +349,7 @@ class Naming:
         self._problem, self._fit = _with_effect(self._problem, self._fit, self._found, best, self._options.seed)
         self._search_soil()
         further = f"further effects beside {best.effect.replace('_', ' ')}"
-        if not self._full() and not self._no_time(further):
+        if not self._full() and not self._time.lacks(further):
             self._search_next(further)
 
     def _search_soil(self) -> None:
@@ -346,7 +362,7 @@ class Naming:
         problem, fit, loss = self._problem, self._fit, self._found.loss
         self._ticks.begin(Task.SEARCH, _search_name(self._names))
         key = f"{_SOIL} {_search_name(self._names)}"
-        found = self._in_time(_SOIL, lambda: self._options.parts.once(
+        found = self._time.within(_SOIL, lambda: self._options.parts.once(
             key, lambda: fits_from_two_soils(problem, fit.point, loss, self._rounds)
         ))  # fmt: skip
         self._fit, *others = found or [fit]
@@ -355,7 +371,7 @@ class Naming:
 
     def _search_next(self, what: str) -> None:
         """Look for one more effect, if there is time."""
-        found = self._in_time(what, lambda: self._search_stage(self._problem, self._fit, self._found.loss))
+        found = self._time.within(what, lambda: self._search_stage(self._problem, self._fit, self._found.loss))
         if found is not None:
             self._stages.append(found)
             self._problem, self._fit = found.problem, found.fit
@@ -365,10 +381,10 @@ class Naming:
         if self._drop_from_commands():
             return True
         fitted = self._fitted()
-        if self._stopped or (len(fitted) > 1 and self._no_time(_LEAVING_OUT)):
+        if self._time.stopped or (len(fitted) > 1 and self._time.lacks(_LEAVING_OUT)):
             return False
         self._ticks.begin(Task.LEAVING_OUT)
-        spare = self._in_time(_LEAVING_OUT, lambda: self._options.parts.once(_LEAVING_OUT, self._unneeded))
+        spare = self._time.within(_LEAVING_OUT, lambda: self._options.parts.once(_LEAVING_OUT, self._unneeded))
         if spare is None:
             return False
         gone, self._problem, self._fit = fitted[spare.which], spare.problem, spare.fit
@@ -377,8 +393,8 @@ class Naming:
         self._between = [*self._between[: spare.which], *self._below(len(fitted) - 1, spare.which)]
         self._search_next(f"further effects without {gone.effect.replace('_', ' ')}")
         for place, one in enumerate(self._fitted()):
-            if one.stage > gone.stage and not self._stopped:
-                reassessed = self._in_time(_LEAVING_OUT, partial(self._with_joint_evidence, place, one))
+            if one.stage > gone.stage and not self._time.stopped:
+                reassessed = self._time.within(_LEAVING_OUT, partial(self._with_joint_evidence, place, one))
                 self._named[self._named.index(one)] = reassessed or one
         return True
 
@@ -437,7 +453,7 @@ class Naming:
     def _carried(self, every: EveryWindow, fits: list[tuple[Problem, Fit]]) -> list[tuple[Problem, Fit]]:
         """Fits of the searched windows as fits of all, if there is time."""
         what = "sizes by all windows"
-        found = self._in_time(what, lambda: self._options.parts.once(
+        found = self._time.within(what, lambda: self._options.parts.once(
             what, lambda: [self._of_all_windows(every, *one) for one in fits]
         ))  # fmt: skip
         return found or fits
@@ -458,7 +474,7 @@ class Naming:
         return Decision(
             named, self._options.least, *fits[0], *fits[last], tuple(self._stages),
             other, between=tuple(fits[1:last]), dropped=tuple(self._dropped), refuted=tuple(self._refuted),
-            untried=tuple(self._untried), beside=tuple(fits[last + 1 :]),
+            untried=tuple(self._time.untried), beside=tuple(fits[last + 1 :]),
             searched=1.0 / self._every.times if self._every is not None else 1.0,
         )  # fmt: skip
 

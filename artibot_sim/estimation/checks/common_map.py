@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from artibot_sim.estimation.measurements import Stretch
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.measured import Measured
 from artibot_sim.model.effects import EFFECTS
-
-Array = NDArray[np.float64]
 
 _TOLERANCE = 0.5
 """m that positions may jump over a gap, beyond what the rover drove at twice its mean speed meanwhile."""

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.checks.common_map import in_common_map, needed
@@ -19,8 +18,6 @@ from artibot_sim.experiment.measured import Measured
 from artibot_sim.experiment.smoothing import fresh, noise_of
 from artibot_sim.model import MOTORS, Robot
 from artibot_sim.model.effects import EFFECTS
-
-Array = NDArray[np.float64]
 
 SHORT = 15.0
 """s of motion below which few parameters can be determined."""

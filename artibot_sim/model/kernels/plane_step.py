@@ -30,16 +30,12 @@ from artibot_sim.model.kernels.layout import (
     BEHIND,
     BETA,
     FRONT,
-    GAMMA,
     LAMBDA,
     M_J,
     MEMORY,
     MOTOR,
-    MOTOR_COORDINATES,
     Q_C,
     Q_J,
-    X,
-    Y,
     Z,
 )
 
@@ -113,10 +109,6 @@ def standing(body, p, fx, module, z):
 # ----------------------------------------------------------------------
 # What a rover on a plane writes down of an instant: the row of `layout.COLUMNS`, as in space.
 # ----------------------------------------------------------------------
-
-
-PLACES = (X, Y, GAMMA, BACK + X, BACK + Y, BACK + GAMMA, *MOTOR_COORDINATES)
-"""Where the coordinates that move on a plane stand in q."""
 
 
 @inlined

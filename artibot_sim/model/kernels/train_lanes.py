@@ -92,9 +92,8 @@ _SIZES = {
     "P_0": 2, "V_0": 2, "P_1": 2, "V_1": 2, "C_2": 2, "C_3": 2, "GOING": 2,
     # commanded torque (NaN: eq. 30), eq. 30's factor, and the sum of the front motors' torques a step before
     "GIVEN": 2, "SHARE": 2, "FRONT": 2,
-    # motors: torque now, drag in it, speed after the step, inverse efficiency, inertia by that, the wheels' load;
-    # whether its gear holds it at rest, and its inverse efficiency then; what they are made of
-    "TORQUE": 2, "DRAG": 2, "SPEED": 2, "GEAR": 2, "INERTIA": 2, "LOAD": 2, "STANDS": 2, "BETWEEN": 2,
+    # motors: torque now, drag in it, load of their wheels, inverse efficiency; constants
+    "TORQUE": 2, "DRAG": 2, "LOAD": 2, "GEAR": 2, "STANDS": 2, "BETWEEN": 2,
     "MODE": 2, "TAU": 2, "R_W": 2, "J_M": 2, "J_W": 2, "DRIVING": 2, "BRAKING": 2, "TORQUE_MAX": 2,
     "DAMPING": 2, "STIFFNESS": 2, "LEVER": 2, "ROLLS": 2, "SHAFT": 2,
     "BODY": len(Body._fields), "GROUND": len(CommonTerms._fields),
@@ -359,13 +358,12 @@ def step_side(S, fx, effects, j, motor, on, kept, body, s, dt, free):
         acceleration = acceleration if prescribed else own
     new = speed + dt * acceleration
     forces = forces_after(body, effects, on[0], on[1], motor, r_w * (tau * new), angle, kept, dt)
-    load = gear * load_at(S, j, forces, tau * new)
-    needed, drag = J * acceleration + load, 0.0
+    carried, drag = gear * load_at(S, j, forces, tau * new), 0.0
+    needed = J * acceleration + carried
     if effects is not None:
         drag = dragging(S, effects, j, motor, new)
         needed += drag
-    S[j + AT.ACC + ANGLES], S[j + AT.SPEED], S[j + AT.DRAG] = acceleration, new, drag
-    S[j + AT.INERTIA], S[j + AT.LOAD] = J, load
+    S[j + AT.ACC + ANGLES], S[j + AT.DRAG], S[j + AT.LOAD] = acceleration, drag, carried
     S[j + AT.TORQUE] = (needed if prescribed else torque) if free else needed
     return forces
 
@@ -425,44 +423,54 @@ def step_module(S, fx, b, number, s, t, dt, free):
 
 
 @inlined
-def feed_back(S, modules, free, dt):
-    """What the next step takes from this one: the front motors' torques (eq. 30), and efficiencies (eq. 23)."""
+def feed_back(S, modules, dt, free):
+    """What the next step takes from this one: the front motors' torques (eq. 30), and efficiencies (eq. 23).
+
+    Motors turn as they do after the step.
+    """
     for i in range(modules):
         for e in range(LANES if free[i] else 0):
             shared, j = S[AT.TORQUE + e] + S[AT.TORQUE + LANES + e], i * MODULE + AT.FRONT + e
             S[j], S[j + LANES] = shared, shared
     for i in range(modules):
-        stand = motors_at_rest(S, i * MODULE, dt)
-        for j in range(i * MODULE, i * MODULE + 2 * LANES):
+        b = i * MODULE
+        stand = standing_motors(S, b, dt)
+        for j in range(b, b + 2 * LANES):
             torque, drag = S[j + AT.TORQUE], S[j + AT.DRAG]
             measured = S[j + AT.GIVEN] if S[j + AT.MODE] == PRESCRIBED else math.nan
             drives = 1.0 if drives_next(  # a choice of places is no vector code
-                torque - drag, S[j + AT.SPEED], S[j + AT.J_M] * S[j + AT.ACC + ANGLES], S[j + AT.GEAR],
+                torque - drag, S[j + AT.V + ANGLES], S[j + AT.J_M] * S[j + AT.ACC + ANGLES], S[j + AT.GEAR],
                 S[j + AT.DRIVING], S[j + AT.BRAKING], measured - drag,
             ) else 0.0  # fmt: skip
             S[j + AT.GEAR] = drives * S[j + AT.DRIVING] + (1.0 - drives) * S[j + AT.BRAKING]
-        if stand:
-            for j in range(i * MODULE, i * MODULE + 2 * LANES):
+        if stand > 0:
+            for j in range(b, b + 2 * LANES):
                 S[j + AT.GEAR] = S[j + AT.BETWEEN] if S[j + AT.STANDS] > 0.0 else S[j + AT.GEAR]
 
 
 @inlined
-def motors_at_rest(S, b, dt):
-    """Which motors of the module at `b` their gears hold at rest, and by what inverse efficiency; whether any."""
+def standing_motors(S, b, dt):
+    """How many motors of the module at `b` their gears hold at rest; which ones, and by which inverse efficiency."""
     stand = 0
     for j in range(b, b + 2 * LANES):
-        M_gear = S[j + AT.TORQUE] - S[j + AT.DRAG]
+        M_gear, (brought, taken) = weighed(S, j, dt)
         measured = S[j + AT.GIVEN] == S[j + AT.GIVEN] and S[j + AT.MODE] == PRESCRIBED
-        brought, taken = impulses(M_gear, S[j + AT.SPEED], S[j + AT.LOAD], S[j + AT.J_M], S[j + AT.INERTIA], dt)
         stands = sticks(M_gear, brought, taken, S[j + AT.GEAR], S[j + AT.DRIVING], S[j + AT.BRAKING])
         S[j + AT.STANDS] = 1.0 if stands and not measured else 0.0
         stand += stands
     if stand > 0:
         for j in range(b, b + 2 * LANES):
-            M_gear = S[j + AT.TORQUE] - S[j + AT.DRAG]
-            brought, taken = impulses(M_gear, S[j + AT.SPEED], S[j + AT.LOAD], S[j + AT.J_M], S[j + AT.INERTIA], dt)
+            _, (brought, taken) = weighed(S, j, dt)
             S[j + AT.BETWEEN] = S[j + AT.GEAR] * brought / taken
-    return stand > 0
+    return stand
+
+
+@inlined
+def weighed(S, j, dt):
+    """Torque of a motor less what drags on its shaft, and `transmission.impulses`."""
+    M_gear = S[j + AT.TORQUE] - S[j + AT.DRAG]
+    _, J = reflect(S[j + AT.TAU], S[j + AT.J_M], S[j + AT.J_W], S[j + AT.GEAR])
+    return M_gear, impulses(M_gear, S[j + AT.V + ANGLES], S[j + AT.LOAD], S[j + AT.J_M], J, dt)
 
 
 # ----------------------------------------------------------------------
@@ -738,7 +746,7 @@ def simulate(S, rows, work, order, block, fx, dt, knot_steps, free):
         if phase == 0:
             keep_rows(S, modules, knot, rows)
         advance(S, fx, modules, dt)
-        feed_back(S, modules, free, dt)
+        feed_back(S, modules, dt, free)
 
 
 @inlined

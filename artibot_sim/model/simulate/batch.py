@@ -29,7 +29,6 @@ from artibot_sim.model.simulate.state import State, from_memory
 # ----------------------------------------------------------------------
 
 
-Indices = NDArray[np.int64]
 _Array = NDArray[np.float64]
 _Tables = dict[int, tuple[_Array, _Array, _Array]]
 

@@ -39,7 +39,6 @@ _BIN = 0.2
 _BINS = 9
 _FEW = 8
 """Samples that a bin must have to be drawn."""
-_TURN = 2.0 * np.pi
 _POINTS = 201
 """Of a law's curve."""
 

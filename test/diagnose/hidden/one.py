@@ -15,14 +15,15 @@ from artibot_sim.diagnose.candidates.patches import disc_place, scanned
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import concluded
 from artibot_sim.diagnose.extended import found_parameters
-from artibot_sim.diagnose.intervals import uncertain
+from artibot_sim.diagnose.intervals import judged
 from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.selection.ranking import ranking
-from artibot_sim.diagnose.selection.stepwise import decide
+from artibot_sim.diagnose.selection.stepwise import Naming
 from artibot_sim.diagnose.timetable import Timetable
 from artibot_sim.diagnose.validation.stability import drifts
+from artibot_sim.estimation.surroundings import surroundings
 from artibot_sim.model import load_robot
 
 
@@ -33,7 +34,7 @@ def main(effect: str, severity: str, seed: str, runs: str = "2", duration: str =
     rover, options = load_robot(robot), Options()
     problem, fit = baseline(found.recordings, rover, options)
     view = command_view(found.recordings, rover)
-    decision = decide(problem, fit, options, Timetable(), view)
+    decision = Naming(problem, fit, options, Timetable(), view).decide()
     assessor = Assessor(rover, found.recordings, found.holdout, options, Timetable(), view)
     decision = concluded(decision, view, assessor.worth).decision
     acting = {**found.truth.effects, **found.truth.unlisted}
@@ -59,7 +60,8 @@ def values(decision: Decision, seed: int) -> list[str]:
     """Lines with each effect's values as fitted, and as they are given, with their intervals."""
     parameters = decision.problem.parameters
     from_commands = {effect: other.found for effect, other in decision.other.items()}
-    what, lines = uncertain(decision.problem, decision.fit, from_commands), []
+    around = surroundings([(decision.problem, decision.fit)])[0]
+    what, lines = judged(decision.problem, decision.fit, around, from_commands), []
     for which, (extension, part) in enumerate(zip(parameters.extensions, parameters.places, strict=True)):
         places = disc_place(decision.problem, decision.fit, which, seed)
         given = found_parameters(extension, what.coordinates[part], what.covariance[part, part], places)

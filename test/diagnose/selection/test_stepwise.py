@@ -57,9 +57,9 @@ def test_an_effect_that_the_next_one_makes_up_for_is_dropped(monkeypatch: pytest
     robot, options = load_robot("agriq"), Options(thresholds=little)
     problem, fit = baseline(hidden.recordings, robot, options)
     view = command_view(hidden.recordings, robot)
-    right = stepwise.decide(problem, fit, options, Timetable(), view)
+    right = stepwise.Naming(problem, fit, options, Timetable(), view).decide()
     monkeypatch.setattr(stepwise, "best_of", misled)
-    found = stepwise.decide(problem, fit, options, Timetable(), view)
+    found = stepwise.Naming(problem, fit, options, Timetable(), view).decide()
     assert [one.effect for one in found.named] == [one.effect for one in right.named] == [truth]
     assert not right.dropped and len(found.dropped) == 1 and truth not in found.dropped
     nothing_held_out = HeldOut({}, {})
@@ -87,11 +87,11 @@ def test_what_commands_asked_for_is_taken_back_beside_what_explains_it(monkeypat
     problem, fit = as_in_the_file(hidden.recordings[:1], robot)
     view = command_view(hidden.recordings, robot)
     assert view.evidence["torque_limit"].nats > Options().least
-    found = stepwise.decide(problem, fit, Options(), Timetable(), view)
+    found = stepwise.Naming(problem, fit, Options(), Timetable(), view).decide()
     assert [one.effect for one in found.named] == [truth] and found.dropped == ("battery_sag",)
     assert found.named[0].found["rate"].value == pytest.approx(hidden.truth.effects[truth]["rate"], rel=0.01)
     no_searches = Options(thresholds=replace(THRESHOLDS, most=0))
-    none_fitted = stepwise.decide(problem, fit, no_searches, Timetable(), view)
+    none_fitted = stepwise.Naming(problem, fit, no_searches, Timetable(), view).decide()
     assert [one.effect for one in none_fitted.named] == [truth]
 
 
@@ -115,7 +115,7 @@ def test_errors_of_sensors_take_none_of_the_searches(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(stepwise, "best_of", made_up)
     problem, fit = as_in_the_file(hidden.recordings, robot)
     options, view = Options(thresholds=replace(THRESHOLDS, most=1)), command_view(hidden.recordings, robot)
-    found = stepwise.decide(problem, fit, options, Timetable(), view)
+    found = stepwise.Naming(problem, fit, options, Timetable(), view).decide()
     assert [one.effect for one in found.named] == ["gyro_bias", "pose_lever_arm", "slope"]
 
 
