@@ -249,7 +249,8 @@ def _simulated_ends(robot: Robot, part: RecordingPart, rolling: Kinematic, earli
     now = round((BEFORE - (earlier or rolling.delay)) / STEP)
     starts = problem.starts.copy()
     starts[:, :3] = windows.start[rows]
-    starts[:, 3:6] = _steady_rates(robot, rolling, windows.speed[rows, now])
+    late = np.array([window.start.late for window in chosen])
+    starts[:, 3:6] = _steady_rates(robot, rolling, windows.speed[rows, now], late)
     kinds = np.array([KINDS.index(name) for name in ("x", "y", "yaw")])
     seen = problem.sampled(np.empty(0), starts, [SamplingPlan(np.full(3, end), kinds) for end in ends])
     moved = replace(windows[np.array(rows)], end=np.array(seen)).moved
@@ -257,10 +258,11 @@ def _simulated_ends(robot: Robot, part: RecordingPart, rolling: Kinematic, earli
     return every
 
 
-def _steady_rates(robot: Robot, rolling: Kinematic, speed: Array) -> Array:
+def _steady_rates(robot: Robot, rolling: Kinematic, speed: Array, late: NDArray[np.bool_]) -> Array:
     """Forward and leftward speed and yaw rate (n, 3), as sensors have them, where wheels have turned so for a while.
 
-    It begins as `rolling` says of such wheel speeds (n, 2) and settles for `_SETTLES` s.
+    It begins as `rolling` says of such wheel speeds (n, 2) and settles for `_SETTLES` s. `late` (n,) are headings that
+    are stamped as late as positions.
     """
     from artibot_sim.model import Commands, initial_state, rollout
 
@@ -269,9 +271,9 @@ def _steady_rates(robot: Robot, rolling: Kinematic, speed: Array) -> Array:
         v = rest.v.copy()
         v[[0, 1, 5]] = begun[i]
         turned = np.tile([*wheels, np.nan, np.nan], (2, 1))
-        run = rollout(robot, Commands(_SETTLES, turned), state=replace(rest, v=v))
+        run = rollout(robot, Commands(_SETTLES, turned), integrator="semi_implicit", state=replace(rest, v=v))
         found[i, 3:] = run.twist[-1]
-    return measured_starts(np.array([sensor_errors(robot)]), found, np.zeros(len(speed), bool))[:, 3:]
+    return measured_starts(np.array([sensor_errors(robot)]), found, late)[:, 3:]
 
 
 # ----------------------------------------------------------------------
