@@ -79,7 +79,8 @@ class Outputs:
 @click.option(
     "--fit", "names", default="k_l,k_t,mu_s,mu_d,u_w", show_default=True,
     help="Parameters, with commas between, as in a robot file: front.i_x, wheel.r_w. 'soil' is the default, 'geometry' "
-    "the wheels' radius, its difference between the sides, and where on the robot the tracked body is.",
+    "the wheels' radius, its difference between the sides, and where on the robot the tracked body is, 'resistance' "
+    "that of the ground to each wheel's motion.",
 )  # fmt: skip
 @click.option(
     "--prior", "priors", multiple=True, metavar="NAME=MIDDLE±SD",
@@ -117,7 +118,8 @@ def command(
     Examples:
       artibot identify run0 run1 --robot agriq --holdout run2 --out field.yaml --report field.html
       artibot identify run0 --robot agriq --fit k_l,k_t,front.i_y --prior front.i_y=0.72±0.03 --out track.yaml
-      artibot identify husky_a --robot husky --window 2 --fit soil,geometry --holdout husky_b --out husky_geometry.yaml
+      artibot identify husky_a --robot husky --window 2 --fit soil,geometry,resistance --holdout husky_b \\
+        --out grass.yaml
       artibot identify husky_a --robot husky --window 2 --fit k_l,k_t,mu_s,mu_d,effects.motion_resistance.force \\
         --prior effects.motion_resistance.force=50±50 --holdout husky_b --out husky_soil.yaml
     """

@@ -27,15 +27,19 @@ GROUPS = {
         "effects.pose_lever_arm.y",
         "effects.pose_heading_offset.angle",
     ),
+    "resistance": ("effects.wheel_resistance.share",),
 }
 """Names that stand for several parameters. No data sheet has what this geometry says of one robot: how its tyres roll
-under load, that those of its sides are never quite equal, and where on it the tracked body was mounted."""
+under load, that those of its sides are never quite equal, and where on it the tracked body was mounted. The ground's
+resistance to each wheel's motion over it is what eqs 15 and 16 lack most on real ground."""
 _SIDES_SPREAD = 0.03
 """Standard deviation of the prior of the sides' difference of radius, which is of 0,"""
 _ARM_SPREAD = 0.25
 """of a lever arm in track widths,"""
 _ANGLE_SPREAD = 0.05
 """and of the angle at which a tracked body is mounted, rad."""
+_RESISTED = Prior(0.2, 0.2)
+"""Prior of the resistance, a share of the friction force: 0.01 to 0.2 were found on real ground."""
 _BEFOREHAND = ("assumed", "inferred", "datasheet", "stated")
 """Sources of numbers that no recording was asked for yet."""
 _WIDEST = 5.0
@@ -60,8 +64,9 @@ def parameter_set(robot: Robot, fit: Sequence[str] = SOIL, priors: Mapping[str, 
     ArtibotError
         For an unknown name, one that stands twice, or a prior of nothing that is fitted.
     """
-    fit = [one for name in fit for one in GROUPS.get(name.strip(), (name,))]
-    priors = {**_sizes_of(robot, fit), **(priors or {})}
+    fit = [one for name in fit for one in GROUPS.get(name.strip(), (name.strip(),))]
+    usual = {name: prior for name, prior in _usual_priors(robot).items() if name in fit and not _has(robot, name)}
+    priors = {**usual, **(priors or {})}
     robot = _with_effects(robot, fit, priors)
     found = (*robot.quantities(), *robot.effect_quantities())
     quantities = {key: (quantity, value) for key, quantity, value in found}
@@ -93,12 +98,12 @@ def parameter_set(robot: Robot, fit: Sequence[str] = SOIL, priors: Mapping[str, 
     return ParameterSet(robot, tuple(parameters))
 
 
-def _sizes_of(robot: Robot, fit: Sequence[str]) -> dict[str, Prior]:
-    """Priors around nothing of those effects among `GROUPS` that are fitted and not at work in the robot."""
+def _usual_priors(robot: Robot) -> dict[str, Prior]:
+    """Priors of those effects among `GROUPS` where nothing is known of one robot."""
     arm = _ARM_SPREAD * robot.front.i_y
-    spreads = dict(zip(GROUPS["geometry"][1:], (_SIDES_SPREAD, arm, arm, _ANGLE_SPREAD), strict=True))
-    wanted = (name.strip() for name in fit)
-    return {name: Prior(0.0, spreads[name]) for name in wanted if name in spreads and not _has(robot, name)}
+    spreads = (_SIDES_SPREAD, arm, arm, _ANGLE_SPREAD)
+    found = {name: Prior(0.0, spread) for name, spread in zip(GROUPS["geometry"][1:], spreads, strict=True)}
+    return found | dict.fromkeys(GROUPS["resistance"], _RESISTED)
 
 
 def _has(robot: Robot, name: str) -> bool:

@@ -232,6 +232,16 @@ def test_what_is_known_of_geometry_goes_before_what_its_group_takes_for_granted(
     assert {one.key: one.prior for one in parameter_set(known, ["geometry"]).parameters}[arm].value == 0.2
 
 
+def test_the_ground_may_resist_wheels_without_a_prior_of_ones_own() -> None:
+    husky, name = load_robot("husky"), "effects.wheel_resistance.share"
+    (one,) = parameter_set(husky, ["resistance"]).parameters
+    assert one.key == name and one.prior.value > 0.0 and one.prior.sd >= one.prior.value
+    (known,) = parameter_set(replace(husky, effects={"wheel_resistance": {"share": 0.1}}), ["resistance"]).parameters
+    assert known.prior.value == 0.1
+    with pytest.raises(ArtibotError, match="twice"):
+        parameter_set(husky, ["resistance", name])
+
+
 def test_inertias_of_a_fit_are_those_of_a_body() -> None:
     """None exceeds the sum of the other two: alone it ends there, and where all are fitted every place is a robot."""
     husky = load_robot("husky_driven")

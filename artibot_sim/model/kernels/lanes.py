@@ -157,15 +157,8 @@ def hold_motor(S, j, shared):
 def feed_back(S, fx, dt):
     """What the next step takes from the start of this one: torques (eq. 30) and efficiencies (eq. 23)."""
     stand = 0
-    for j in range(4 * LANES):
-        M_gear = S[AT.TORQUE + j] - (S[AT.DRAG + j] if fx is not None else 0.0)
-        measured = S[AT.GIVEN + j] == S[AT.GIVEN + j] and S[AT.MODE + j] == PRESCRIBED
-        brought, taken = impulses(M_gear, S[AT.V + MOTORS + j], S[AT.LOAD + j], S[AT.J_M + j], S[AT.INERTIA + j], dt)
-        stands = sticks(M_gear, brought, taken, S[AT.GEAR + j], S[AT.DRIVING + j], S[AT.BRAKING + j])
-        S[AT.STANDS + j] = 1.0 if stands and not measured else 0.0
-        stand += stands
-    if stand > 0:
-        weigh_standing(S, fx, dt)
+    if fx is not None and BRISTLED[len(fx)]:
+        stand = standing_motors(S, fx, dt)
     for j in range(4 * LANES):
         torque = S[AT.TORQUE + j]
         drag = S[AT.DRAG + j] if fx is not None else 0.0
@@ -182,12 +175,33 @@ def feed_back(S, fx, dt):
 
 
 @inlined
-def weigh_standing(S, fx, dt):
-    """Inverse efficiencies of motors that their gears hold at rest; of others it is no number of use."""
-    for j in range(4 * LANES):
-        M_gear = S[AT.TORQUE + j] - (S[AT.DRAG + j] if fx is not None else 0.0)
-        brought, taken = impulses(M_gear, S[AT.V + MOTORS + j], S[AT.LOAD + j], S[AT.J_M + j], S[AT.INERTIA + j], dt)
-        S[AT.BETWEEN + j] = S[AT.GEAR + j] * brought / taken
+def standing_motors(S, fx, dt):
+    """How many motors their gears hold at rest; which ones, and by which inverse efficiency (`loop.next_efficiency`).
+
+    Of motors that do not stand the last is no number of use.
+    """
+    stand = 0
+    for motor in range(4):
+        for e in range(LANES):
+            j = motor * LANES + e
+            stiff, _ = hooks.bristle(effects_at(S, fx, e, 0.0), 0.0)
+            M_gear, (brought, taken) = weighed(S, j, dt)
+            measured = S[AT.GIVEN + j] == S[AT.GIVEN + j] and S[AT.MODE + j] == PRESCRIBED
+            stands = sticks(M_gear, brought, taken, S[AT.GEAR + j], S[AT.DRIVING + j], S[AT.BRAKING + j])
+            S[AT.STANDS + j] = 1.0 if stands and not measured and stiff > 0.0 else 0.0
+            stand += S[AT.STANDS + j] > 0.0
+    if stand > 0:
+        for j in range(4 * LANES):
+            _, (brought, taken) = weighed(S, j, dt)
+            S[AT.BETWEEN + j] = S[AT.GEAR + j] * brought / taken
+    return stand
+
+
+@inlined
+def weighed(S, j, dt):
+    """With effects: torque of a motor less what drags on its shaft, and `transmission.impulses`."""
+    M_gear = S[AT.TORQUE + j] - S[AT.DRAG + j]
+    return M_gear, impulses(M_gear, S[AT.V + MOTORS + j], S[AT.LOAD + j], S[AT.J_M + j], S[AT.INERTIA + j], dt)
 
 
 @inlined

@@ -120,14 +120,15 @@ def feed_back(p, fx, v, w, modes, hold, dt, eta, previous):
         acting = MotorAction(
             w[M_M + motor], w[M_R + motor], w[M_D + motor] if fx is not None else 0.0, w[ACC + c], v[c]
         )  # fmt: skip
-        eta[motor] = next_efficiency(motor_of(p, motor), acting, v[c], motor, modes, hold, dt)
+        eta[motor] = next_efficiency(motor_of(p, motor), fx, acting, v[c], motor, modes, hold, dt)
 
 
 @inlined
-def next_efficiency(unit, acting, theta_dot, motor, modes, hold, dt):
+def next_efficiency(unit, fx, acting, theta_dot, motor, modes, hold, dt):
     """Efficiency of a motor for the next step (eq. 23), from what it does and how it turns in this one.
 
-    It is that of a motor that drives its gear or of one that the gear brakes; of one that stands, between these.
+    It is that of a motor that drives its gear or of one that the gear brakes; of one that stands on ground that holds
+    its wheels, between these.
     """
     through_gear, measured = acting.M_m - acting.drag, hold[TORQUE_D + motor] - acting.drag
     eta = hold[EFFICIENCY + motor]
@@ -136,14 +137,24 @@ def next_efficiency(unit, acting, theta_dot, motor, modes, hold, dt):
             through_gear, theta_dot, unit.J_m * acting.theta_ddot, 1.0 / eta, 1.0 / unit.eta_d, unit.eta_r, measured
         )
     else:  # one rover alone, with nothing measured, does not pay for what decides between two
-        brought, taken = impulses(
-            through_gear, theta_dot, hold[GEAR + motor] * acting.M_r, unit.J_m, hold[INERTIA + motor], dt
-        )
-        # inverses times what is positive, which spares divisions
-        if sticks(through_gear, brought, taken, unit.eta_d, eta, eta * (unit.eta_d * unit.eta_r)):
-            return eta * taken / brought
+        if holds_wheels(fx):
+            brought, taken = impulses(
+                through_gear, theta_dot, hold[GEAR + motor] * acting.M_r, unit.J_m, hold[INERTIA + motor], dt
+            )
+            # inverses times what is positive, which spares divisions
+            if sticks(through_gear, brought, taken, unit.eta_d, eta, eta * (unit.eta_d * unit.eta_r)):
+                return eta * taken / brought
         drives = driving(through_gear, theta_dot)
     return unit.eta_d if drives else 1.0 / unit.eta_r
+
+
+@inlined
+def holds_wheels(fx):
+    """Whether bristles hold wheels at rest. By eq. 15 alone they creep, and no motor stands: then eq. 23 is all."""
+    if fx is not None:
+        stiff, _ = hooks.bristle(fx, 0.0)
+        return stiff > 0.0
+    return False
 
 
 @inlined

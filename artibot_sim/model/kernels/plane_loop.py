@@ -107,21 +107,21 @@ def middle(a, b):
 
 
 @inlined
-def feed_torques(p, now, v, modes, hold, dt, eta, previous):
+def feed_torques(p, fx, now, v, modes, hold, dt, eta, previous):
     """What the next step takes from this one, see `loop.feed_back`."""
     right, left, right_b, left_b = now.acting
-    feed_torque(p.right_front, right, v[6], MOTOR[0], modes, hold, dt, eta, previous)
-    feed_torque(p.left_front, left, v[7], MOTOR[1], modes, hold, dt, eta, previous)
+    feed_torque(p.right_front, fx, right, v[6], MOTOR[0], modes, hold, dt, eta, previous)
+    feed_torque(p.left_front, fx, left, v[7], MOTOR[1], modes, hold, dt, eta, previous)
     if p.two:
-        feed_torque(p.right_back, right_b, v[8], MOTOR[2], modes, hold, dt, eta, previous)
-        feed_torque(p.left_back, left_b, v[9], MOTOR[3], modes, hold, dt, eta, previous)
+        feed_torque(p.right_back, fx, right_b, v[8], MOTOR[2], modes, hold, dt, eta, previous)
+        feed_torque(p.left_back, fx, left_b, v[9], MOTOR[3], modes, hold, dt, eta, previous)
 
 
 @inlined
-def feed_torque(unit, acting, theta_dot, motor, modes, hold, dt, eta, previous):
+def feed_torque(unit, fx, acting, theta_dot, motor, modes, hold, dt, eta, previous):
     """As `feed_torques` for one motor."""
     previous[motor] = acting.M_m
-    eta[motor] = next_efficiency(unit, acting, theta_dot, motor, modes, hold, dt)
+    eta[motor] = next_efficiency(unit, fx, acting, theta_dot, motor, modes, hold, dt)
 
 
 @inlined
@@ -185,7 +185,7 @@ def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
                     row += 1
                 if step == steps:
                     return OK, row
-                feed_torques(p, now, v_k, inputs.modes, hold, dt, eta_next, previous)
+                feed_torques(p, fx, now, v_k, inputs.modes, hold, dt, eta_next, previous)
             if out_e is not None and energies:
                 level_powers(at, p, fx, motions(q_k, v_k), trig, q_k, v_k, now, hold, Account(stage_weight(k) * dt, e))
             q_k, v_k, first, total = next_ten(k, dt, here, rate, v_k, a, first, total)
@@ -236,7 +236,7 @@ def level_semi(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
             row += 1
         if step == steps:
             break
-        feed_torques(p, now, new, inputs.modes, hold, dt, eta, previous)
+        feed_torques(p, fx, now, new, inputs.modes, hold, dt, eta, previous)
         if fx is not None:
             lags_after(count, memory, dt, lag)
         if out_e is not None and energies:

@@ -41,6 +41,7 @@ from artibot_sim.model.equations.transmission import (
 from artibot_sim.model.kernels.compilation import inlined, kernel, line_up_stack
 from artibot_sim.model.kernels.elementary import cubic_at, cubic_between, sincos, turn_by
 from artibot_sim.model.kernels.lane_layout import (
+    BRISTLED,
     EFFECT_VALUES,
     LAGGING,
     LANES,
@@ -423,7 +424,7 @@ def step_module(S, fx, b, number, s, t, dt, free):
 
 
 @inlined
-def feed_back(S, modules, dt, free):
+def feed_back(S, fx, modules, dt, free):
     """What the next step takes from this one: the front motors' torques (eq. 30), and efficiencies (eq. 23).
 
     Motors turn as they do after the step.
@@ -434,7 +435,9 @@ def feed_back(S, modules, dt, free):
             S[j], S[j + LANES] = shared, shared
     for i in range(modules):
         b = i * MODULE
-        stand = standing_motors(S, b, dt)
+        stand = 0
+        if fx is not None and BRISTLED[len(fx)]:
+            stand = standing_motors(S, fx, b, dt)
         for j in range(b, b + 2 * LANES):
             torque, drag = S[j + AT.TORQUE], S[j + AT.DRAG]
             measured = S[j + AT.GIVEN] if S[j + AT.MODE] == PRESCRIBED else math.nan
@@ -449,15 +452,18 @@ def feed_back(S, modules, dt, free):
 
 
 @inlined
-def standing_motors(S, b, dt):
+def standing_motors(S, fx, b, dt):
     """How many motors of the module at `b` their gears hold at rest; which ones, and by which inverse efficiency."""
     stand = 0
-    for j in range(b, b + 2 * LANES):
-        M_gear, (brought, taken) = weighed(S, j, dt)
-        measured = S[j + AT.GIVEN] == S[j + AT.GIVEN] and S[j + AT.MODE] == PRESCRIBED
-        stands = sticks(M_gear, brought, taken, S[j + AT.GEAR], S[j + AT.DRIVING], S[j + AT.BRAKING])
-        S[j + AT.STANDS] = 1.0 if stands and not measured else 0.0
-        stand += stands
+    for side in range(2):
+        for e in range(LANES):
+            j = b + side * LANES + e
+            stiff, _ = hooks.bristle(effects_of(S, fx, b, e, 0.0), 0.0)
+            M_gear, (brought, taken) = weighed(S, j, dt)
+            measured = S[j + AT.GIVEN] == S[j + AT.GIVEN] and S[j + AT.MODE] == PRESCRIBED
+            stands = sticks(M_gear, brought, taken, S[j + AT.GEAR], S[j + AT.DRIVING], S[j + AT.BRAKING])
+            S[j + AT.STANDS] = 1.0 if stands and not measured and stiff > 0.0 else 0.0
+            stand += S[j + AT.STANDS] > 0.0
     if stand > 0:
         for j in range(b, b + 2 * LANES):
             _, (brought, taken) = weighed(S, j, dt)
@@ -746,7 +752,7 @@ def simulate(S, rows, work, order, block, fx, dt, knot_steps, free):
         if phase == 0:
             keep_rows(S, modules, knot, rows)
         advance(S, fx, modules, dt)
-        feed_back(S, modules, dt, free)
+        feed_back(S, fx, modules, dt, free)
 
 
 @inlined

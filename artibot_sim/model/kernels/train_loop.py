@@ -544,7 +544,9 @@ def feed_back(modules, fx, v, w, modes, hold, dt, eta, previous):
             acting = MotorAction(
                 w[i, M_M + side], w[i, M_R + side], w[i, M_D + side] if fx is not None else 0.0, w[i, ACC + c], v[i, c]
             )  # fmt: skip
-            eta[i, side] = next_efficiency(motor_of(modules[i], side), acting, v[i, c], side, modes[i], hold[i], dt)
+            eta[i, side] = next_efficiency(
+                motor_of(modules[i], side), of_one(fx, i), acting, v[i, c], side, modes[i], hold[i], dt
+            )
 
 
 @inlined

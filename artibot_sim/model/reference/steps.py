@@ -56,12 +56,12 @@ def _feed_back(
 ) -> Array:  # fmt: skip
     """Eq. 23 for the next step, judged by what goes through the gear.
 
-    Where both efficiencies lead, after a step under the same torques, to a rotation that contradicts them, the motor
-    stands: then it is that which brings it to rest. Of a prescribed motor with a measured torque (N m, else NaN): the
-    one efficiency that agrees with the sign of the torque that it gives; where both do or neither, that whose torque is
-    nearer to what was measured.
+    Where bristles hold the wheels and both efficiencies lead, after a step under the same torques, to a rotation that
+    contradicts them, the motor stands: then it is that which brings it to rest. Of a prescribed motor with a measured
+    torque (N m, else NaN): the one efficiency that agrees with the sign of the torque that it gives; where both do or
+    neither, that whose torque is nearer to what was measured.
     """
-    fresh = eta.copy()
+    fresh, held_by_ground = eta.copy(), fx.ask("bristle", 0.0)[0] > 0.0
     for i, motor in enumerate(motors_of(p)):
         drag = dragging(fx, motor, i, theta[i], theta_dot[i])
         M_gear = torque[i] - drag
@@ -73,7 +73,7 @@ def _feed_back(
                 + dt * (M_gear - motor.tau / one * M_r[i])
                 for one in (motor.eta_d, 1.0 / motor.eta_r)
             }
-            if M_gear * ahead[motor.eta_d] <= 0 < M_gear * ahead[1.0 / motor.eta_r]:
+            if held_by_ground and M_gear * ahead[motor.eta_d] <= 0 < M_gear * ahead[1.0 / motor.eta_r]:
                 wheels = dt * motor.tau * M_r[i] - motor.J_w * motor.tau**2 * theta_dot[i]
                 fresh[i] = wheels / (dt * M_gear + motor.J_m * theta_dot[i])
             continue
