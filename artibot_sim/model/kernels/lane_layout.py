@@ -134,9 +134,15 @@ _SIZES = {
     "EFFECTS": EFFECT_VALUES,
 }  # fmt: skip
 
-_BEGINS = [LANES * sum(list(_SIZES.values())[:k]) for k in range(len(_SIZES))]
 
-AT: Any = namedtuple("At", list(_SIZES))(*_BEGINS)  # type: ignore[arg-type]  # mypy knows no fields from a list
+def beginnings(sizes: Mapping[str, int]) -> Any:
+    """Where each of some quantities of these sizes begins, for LANES rovers, as they stand one after the other."""
+    ends = LANES * np.cumsum(list(sizes.values()))
+    begin = [0, *ends[:-1].tolist()]
+    return namedtuple("At", list(sizes))(*begin)
+
+
+AT = beginnings(_SIZES)
 """Where each quantity begins in a block."""
 
 BLOCK = LANES * sum(_SIZES.values())

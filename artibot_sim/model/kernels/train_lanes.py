@@ -10,8 +10,7 @@ plane, x and y, and with effects the torque in its yaw as a third one. The joint
 from __future__ import annotations
 
 import math
-from collections import namedtuple
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +48,7 @@ from artibot_sim.model.kernels.lane_layout import (
     LIMIT_V,
     LIMITED,
     aligned,
+    beginnings,
     lane_effects,
     put4,
 )
@@ -106,9 +106,7 @@ _SIZES = {
     "EFFECTS": EFFECT_VALUES,
 }  # fmt: skip
 
-_BEGINS = [LANES * sum(list(_SIZES.values())[:k]) for k in range(len(_SIZES))]
-
-AT: Any = namedtuple("At", list(_SIZES))(*_BEGINS)  # type: ignore[arg-type]  # mypy knows no fields from a list
+AT = beginnings(_SIZES)
 """Where each quantity of a module begins, from where the module begins in a block."""
 
 MODULE = LANES * sum(_SIZES.values())
