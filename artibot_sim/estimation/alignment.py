@@ -1,6 +1,6 @@
 """The streams of a recording on one clock: stamps that are late or early are shifted before anything is fitted.
 
-So is a gyroscope that is upside down turned, and a recording cut where its pose leaps.
+So are signs and sides that are the wrong way round turned, and a recording cut where its pose leaps.
 """
 
 from __future__ import annotations
@@ -14,16 +14,19 @@ from numpy.typing import NDArray
 
 from artibot_sim.estimation.checks.findings import (
     DELAYS,
+    GYRO_TURNED,
+    SHORTEST,
     Finding,
     compare_streams,
     findings,
     imu_tilt,
-    leaps_of,
     level,
     pose_channel,
+    with_columns,
+    with_signs,
+    without_leaps,
 )
 from artibot_sim.estimation.checks.stream_values import StreamTable, stream_values
-from artibot_sim.estimation.streams import segments_of
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.model import Robot
 
@@ -35,19 +38,16 @@ LEAPS = "pose_leap"
 """The finding that says where poses have no relation to those before."""
 FLIPPED = "gyro_flip"
 """and the one that the gyroscope is upside down, which its own rate shows."""
+SWAPPED = "side_swap"
+"""The finding that left and right wheels are taken for each other."""
 TILTED = "imu_tilt"
 """The finding that an IMU's z axis does not point up."""
 BIAS = "gyro_bias"
 """The finding that yaw rates are too large all the time. No recording is changed for it: the effect of that name may be
 among what is fitted. Odometry, which has no pose to see it by, takes it from the robot file."""
-SHORTEST = 2.0
-"""s between two leaps that are worth keeping."""
 EARLY = 0.1
 """s by which rotations must be early, at the least that the interval allows, before their stamps are shifted: tyres and
 wheels that answer late look alike. Rotations that are late cannot be the rover's own doing."""
-WIDEST = 0.15
-"""s from end to end of a delay's interval, beyond which stamps are not shifted: where a rover slides as its wheels do
-not say (down a slope, say), streams fit badly, and many delays fit alike."""
 
 
 @dataclass(frozen=True)
@@ -94,36 +94,73 @@ def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | N
         for a model in which it may become one: then late poses are shifted where other stamps are, too. Left by
         themselves they would be later than before against rotations that were shifted.
     """
-    imu, tilted = experiment.channels.get("imu"), tuple[Finding, ...]()
-    if imu is not None and (levelled := level(imu)) is not imu:
-        tilted = tuple(imu_tilt(experiment))
-    if tilted:
-        experiment = replace(experiment, channels={**experiment.channels, "imu": levelled})
-    streams = compare_streams(experiment, seed)
-    found = findings(experiment, robot, streams)
-    values = stream_values(streams, found, robot.wheel.r_w * robot.drive.front.tau)
+    part = experiment.fitted_part
+    if part is not None:  # one recording has one clock, and nothing is learnt from what is held out
+        known = aligned(part, robot, seed, poses)
+        return replace(known, experiment=_without_faults(_levelled(experiment), known.mended, robot))
+    levelled = _levelled(experiment)
+    tilted = () if levelled is experiment else tuple(imu_tilt(experiment))
+    streams, wrong_signs = with_signs(compare_streams(without_leaps(levelled, robot), seed))
+    signed = with_columns(levelled, wrong_signs)
+    found = findings(signed, robot, streams)
+    values = stream_values(streams, [*wrong_signs, *found], robot.wheel.r_w * robot.drive.front.tau)
     mended = tuple(one for one in found if shiftable(one))
     if poses is None:
         poses = any(one.name == "rotation_delay" for one in mended)
     if not poses:
         mended = tuple(one for one in mended if not _late_pose(one))
+    elif (unsure := _half_known(found)) is not None:
+        imu = levelled.channels["imu"]
+        mended = (*(one for one in mended if one is not unsure), _gyro_instead(unsure, imu.topic))
+        found = [one for one in found if one is not unsure]
     if "velocity_filter" in robot.effects:
         mended = tuple(one for one in mended if one.name != "rotation_delay" or (one.value or 0.0) < 0.0)
-    mended += tuple(one for one in found if one.name in (LEAPS, FLIPPED))
-    mended += tuple(one for one in known_faults(experiment, robot, values) if poses or one.name != "pose_delay")
-    channels = dict(experiment.channels)
-    for one in mended:
-        if one.name == LEAPS:
-            continue
-        for key, channel in channels.items():
-            if channel.topic == one.topic:
-                channels[key] = _mended(channel, one, 0.5 * experiment.duration)
+    mended = (*tilted, *wrong_signs, *mended, *(one for one in found if one.name in (LEAPS, FLIPPED)))
+    mended += tuple(one for one in known_faults(signed, robot, values) if poses or one.name != "pose_delay")
     rest = tuple(one for one in found if one not in mended)
-    if not mended:
-        return Aligned(experiment, tilted, rest, values)
-    experiment = replace(experiment, channels=channels)
-    segments = _cut_at_leaps(experiment, robot)
-    return Aligned(replace(experiment, segments=segments), (*tilted, *mended), rest, values)
+    return Aligned(_without_faults(levelled, mended, robot) if mended else experiment, mended, rest, values)
+
+
+def _levelled(experiment: Experiment) -> Experiment:
+    """A recording whose IMU is level, as its accelerometer says; the same one where nothing is to be turned."""
+    imu = experiment.channels.get("imu")
+    if imu is None or (turned := level(imu)) is imu or not any(imu_tilt(experiment)):
+        return experiment
+    return replace(experiment, channels={**experiment.channels, "imu": turned})
+
+
+def _without_faults(experiment: Experiment, faults: Sequence[Finding], robot: Robot) -> Experiment:
+    """A recording with the signs, sides and stamps that it should have, cut where its pose leaps."""
+    experiment = with_columns(experiment, faults)
+    channels = dict(experiment.channels)
+    for one in faults:
+        for key, channel in channels.items():
+            if channel.topic == one.topic and one.name in (*SHIFTED, SCALED):
+                channels[key] = _restamped(channel, one, 0.5 * experiment.duration)
+    return without_leaps(replace(experiment, channels=channels), robot)
+
+
+def _half_known(found: Sequence[Finding]) -> Finding | None:
+    """The sure one of the delays of poses and of rotations, where the other one is not sure; else None.
+
+    Shifting one of the two by what it is late against the gyroscope would set it apart from the other, whose delay
+    is about the same: how the robot advances for what its wheels turn would be wrong by all of it.
+    """
+    both = [one for one in found if one.name in ("pose_delay", "rotation_delay")]
+    sure = [one for one in both if shiftable(one)]
+    return sure[0] if len(both) == 2 and len(sure) == 1 else None
+
+
+def _gyro_instead(late: Finding, topic: str) -> Finding:
+    """The finding that the gyroscope is early beside a stream that is late: the same, with the other one shifted."""
+    value, (low, high) = float(late.value or 0.0), late.interval or (0.0, 0.0)
+    mine, other = ("poses", "rotations") if late.name == "pose_delay" else ("rotations", "poses")
+    return replace(
+        late, name="gyro_delay", topic=topic, value=-value, interval=(-high, -low),
+        text=f"the gyroscope's rates are stamped {value:.2f} s early ({low:.2f}–{high:.2f}) beside {mine}",
+        evidence=f"{late.evidence}; how late {other} are is not sure, so these and {mine} stay together",
+        mend=f"shift their stamps by {value:+.2f} s",
+    )  # fmt: skip
 
 
 def known_faults(experiment: Experiment, robot: Robot, told: Mapping[str, Mapping[str, Any]]) -> Iterator[Finding]:
@@ -147,7 +184,8 @@ def known_faults(experiment: Experiment, robot: Robot, told: Mapping[str, Mappin
         yield _known(robot, SCALED, pose, sensors.clock_skew, "ppm", words, "scale its stamps")
     imu = experiment.channels.get("imu")
     if imu is not None and "yaw_rate" in imu and sensors.gyro_flip and "scale" not in told.get(imu.topic, {}):
-        yield _known(robot, FLIPPED, imu, None, "-", "has yaw rates of the wrong sign", "turn its sign")
+        known = _known(robot, FLIPPED, imu, None, "-", "has yaw rates of the wrong sign", "turn its sign")
+        yield replace(known, columns=GYRO_TURNED)
 
 
 def _known(robot: Robot, name: str, channel: Channel, value: float | None, unit: str, words: str, mend: str) -> Finding:
@@ -191,35 +229,28 @@ def _of_poses(one: Aligned, was: Finding) -> bool:
     return pose is not None and pose.topic == was.topic
 
 
-def _cut_at_leaps(experiment: Experiment, robot: Robot) -> tuple[tuple[float, float], ...]:
-    """Segments that end where a pose leaps: it has no relation to the one before. Short pieces are left out."""
-    leaps = leaps_of(segments_of(experiment), robot)
-    found: list[tuple[float, float]] = []
-    for first, last in experiment.segments:
-        inside = [(before, after) for before, after, _ in leaps if first <= before < last]
-        begins, ends = [first, *(after for _, after in inside)], [*(before for before, _ in inside), last]
-        pieces = list(zip(begins, ends, strict=True))
-        found += [(a, b) for a, b in pieces if b - a >= SHORTEST] if inside else pieces
-    return tuple(found) or experiment.segments
-
-
 def shiftable(one: Finding) -> bool:
-    """Whether a finding says by how much stamps have to be shifted or scaled, surely enough to do so."""
+    """Whether a finding says by how much stamps have to be shifted or scaled, surely enough to do so.
+
+    That is where stamps are better afterwards, wherever in its interval the truth lies: no end of it is nearer to 0
+    than to the value that is taken off.
+    """
     if one.name not in (*SHIFTED, SCALED) or one.value is None or one.interval is None:
         return False
     low, high = one.interval
     if not (np.isfinite(low) and np.isfinite(high)):
         return False
-    if one.name != SCALED and high - low > WIDEST:
-        return False
-    return low > 0.0 or high < (-EARLY if one.name == "rotation_delay" else 0.0)
+    return low > 0.5 * one.value if one.value > 0.0 else high < min(0.5 * one.value, _least_early(one))
 
 
-def _mended(channel: Channel, was: Finding, middle: float) -> Channel:
-    """A channel with the stamps or the sign that it should have; a drift leaves stamps as they are at `middle`, s."""
+def _least_early(one: Finding) -> float:
+    """s, negative, which the interval of a stream that is early must not reach."""
+    return -EARLY if one.name == "rotation_delay" else 0.0
+
+
+def _restamped(channel: Channel, was: Finding, middle: float) -> Channel:
+    """A channel with the stamps that it should have; a drift leaves them as they are at `middle`, s."""
     size = float(was.value or 0.0)
-    if was.name == FLIPPED:
-        return replace(channel, columns={**channel.columns, "yaw_rate": -channel["yaw_rate"]})
     if was.name == SCALED:
         return restamped(channel, channel.t - 1e-6 * size * (channel.t - middle))
     return restamped(channel, channel.t - size)
@@ -294,8 +325,10 @@ def _size(one: Finding) -> str:
 
 def _mend(was: Finding) -> str:
     size = float(was.value or 0.0)
-    if was.name == FLIPPED:
-        return "its sign was turned"
+    if was.name == SWAPPED:
+        return "the sides were exchanged"
+    if was.columns:
+        return "the sign was turned"
     if was.name == TILTED:
         return "its axes were turned"
     if was.name == LEAPS:
@@ -321,5 +354,6 @@ def what_is_wrong(fitted: Sequence[Aligned], held: Sequence[Aligned]) -> tuple[s
     fitted, held : sequence of Aligned
         Recordings; of those that are held out only what was mended.
     """
+    held = [one for one in held if one.experiment.fitted_part is None]
     first = [f"mend this first, figures are worth nothing with it: {said}" for said in what_is_left(fitted, True)]
     return (*first, *what_was_mended([*fitted, *held]), *what_is_left(fitted, False))

@@ -30,6 +30,7 @@ SPAN = 1.0
 BLOCK = 8.0
 """s that count as one independent piece of a recording."""
 LEAST_BLOCKS = 6
+"""without which nothing is known of how a delay scatters."""
 _COARSE, _FINE = 0.02, 0.004
 """s between delays that are tried, first and last."""
 _MOST_ROWS = 3000
@@ -360,7 +361,7 @@ class Delay:
     value : float
         s; negative where it is earlier.
     interval : (float, float)
-        95 %; infinite where the delay lies at the end of what can be looked at.
+        95 %; infinite where the delay lies at the end of what can be looked at, or stands on too few blocks.
     agreement : float
         Share of the variance that the other explains then.
     coefficients : array
@@ -525,7 +526,7 @@ def _steady_delay(rows: _Rows, most: float, rng: np.random.Generator, lags: Sequ
     places = [(float(value), again.delay)]
     if len(near) > 1:  # a lag in between, or none: the interval holds both
         places.append((float(_lowest(near, None).delay[0]), _lowest(near, drawn).delay))
-    factor = 2.0 if count >= LEAST_BLOCKS else 4.0
+    factor = 2.0 if count >= LEAST_BLOCKS else np.inf  # fewer, drawn anew, do not show how far they differ
     wide = [(v, factor * max(float(np.std(values)), _FLOOR)) for v, values in places]
     low = -np.inf if value < -most + 2 * _FINE else min(v - w for v, w in wide)
     high = np.inf if value > most - 2 * _FINE else max(v + w for v, w in wide)

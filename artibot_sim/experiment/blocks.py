@@ -62,7 +62,9 @@ def in_turn(experiment: Experiment, share: float = 0.5) -> tuple[Experiment, Exp
             f"{experiment.path}: too short to hold out {100 * share:.0f} % in blocks of {BLOCK:g} s; record longer, or "
             "hold out another recording with --holdout"
         )
-    return part_of(experiment, spans[0], experiment.name), part_of(experiment, spans[1], experiment.name + HELD_OUT)
+    rest = part_of(experiment, spans[1], experiment.name + HELD_OUT)
+    fitted = part_of(experiment, spans[0], experiment.name)
+    return fitted, replace(rest, fitted_part=fitted)
 
 
 def part_of(experiment: Experiment, spans: Sequence[tuple[float, float]], name: str) -> Experiment:

@@ -118,6 +118,7 @@ class Experiment:
     segments : (t_start, t_end) in s, split where all measured topics are silent for more than 0.5 s.
     topics : every topic of the recording → its type, also those that artibot does not read.
     remarks : what was repaired or left out while reading, one sentence each.
+    fitted_part : of a part that is held out, the part of the same recording that is fitted; else None.
     """
 
     name: str
@@ -128,6 +129,7 @@ class Experiment:
     segments: tuple[tuple[float, float], ...]
     topics: Mapping[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    fitted_part: Experiment | None = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for name in ("metadata", "channels", "topics"):

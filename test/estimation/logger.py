@@ -45,8 +45,8 @@ class Logger:
     lost : float
         Share of messages that never arrive.
     flaws : frozenset of str
-        `side_swap`, `reversed_wheel`, `gyro_flip`, `gyro_axis`, `pose_flip`, `pose_leap`, `rpm`,
-        `set_points`, `in_air`.
+        `side_swap`, `reversed_wheel`, `gyro_flip`, `gyro_axis`, `pose_flip` (its heading), `y_flip`, `frame_flip`
+        (both), `pose_leap`, `lost_place` (a localisation that is lost for 15 s), `rpm`, `set_points`, `in_air`.
     gyro_bias : float
     mount : (float, float) or None
         Roll and pitch of the IMU in the robot, rad; None for one without an accelerometer, and level.
@@ -140,12 +140,17 @@ def recorded(of: Drive, logger: Logger, rng: np.random.Generator, heading: bool 
         speed = speed * [-1.0, 1.0]
     if "rpm" in logger.flaws:
         speed = speed * 60.0 / (2.0 * np.pi)
-    if "pose_flip" in logger.flaws:
+    if {"pose_flip", "frame_flip"} & logger.flaws:
         pose[:, 2] *= -1.0
+    if {"y_flip", "frame_flip"} & logger.flaws:
+        pose[:, 1] *= -1.0
     if "another_time" in logger.flaws:
         pose = np.roll(pose, len(pose) // 3, axis=0)
     if "pose_leap" in logger.flaws:
         pose[of.t > 0.6 * of.t[-1], 0] += 3.0
+    if "lost_place" in logger.flaws:
+        lost = (of.t > 0.3 * of.t[-1]) & (of.t < 0.3 * of.t[-1] + 15.0)
+        pose[lost, :2] += np.repeat(3.0 * noise((lost.sum() // 30 + 1, 2)), 30, axis=0)[: lost.sum()]
     if "gyro_flip" in logger.flaws:
         rate = -rate
     z = np.zeros_like(rate)
@@ -230,8 +235,8 @@ FLAWS = {
     "clock_skew": Logger(skew={"ground_truth_odom": 2e-3}, polled=0.0),
     "held_samples": Logger(rates={"motor_torques": 5.0, "ground_truth_odom": 18.0, "imu": 50.0, "joint_states": 40.0}),
     **{name: Logger(flaws=frozenset({name}))
-       for name in ("gyro_flip", "gyro_axis", "pose_flip", "side_swap", "reversed_wheel", "pose_leap", "set_points",
-                    "in_air")},
+       for name in ("gyro_flip", "gyro_axis", "pose_flip", "y_flip", "frame_flip", "side_swap", "reversed_wheel",
+                    "pose_leap", "lost_place", "set_points", "in_air")},
     "unrelated_pose": Logger(flaws=frozenset({"another_time"})),
     "wheel_units": Logger(flaws=frozenset({"rpm"})),
     "gyro_bias": Logger(gyro_bias=0.05),
@@ -239,7 +244,10 @@ FLAWS = {
     "imu_turned": Logger(mount=(0.5 * np.pi, 0.0)),
 }  # fmt: skip
 """Name → logger that makes it, of a plain size."""
-WANTED = {"pose_early": "pose_delay", "imu_turned": "imu_tilt"}
+WANTED = {
+    "pose_early": "pose_delay", "imu_turned": "imu_tilt", "y_flip": "pose_flip", "frame_flip": "pose_flip",
+    "lost_place": "pose_leap",
+}  # fmt: skip
 BESIDE = {
     "none": {"held_samples"}, "imu_turned": {"gyro_axis"}, "clock_skew": {"pose_delay"},
     "set_points": {"rotation_delay", "pose_delay"}, "unrelated_pose": {"pose_leap"},

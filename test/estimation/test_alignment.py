@@ -9,11 +9,13 @@ import pytest
 from bag_helpers import foreign
 from estimation.logger import FLAWS, Logger, age, drive, recorded, robot_of
 
+from artibot_sim.estimation import alignment
 from artibot_sim.estimation.alignment import aligned, restamped, what_is_left, what_was_mended
 from artibot_sim.estimation.checks.findings import compare_streams, leaps_of
 from artibot_sim.estimation.checks.wheels import clock_faults
 from artibot_sim.estimation.streams import segments_of
 from artibot_sim.experiment import read_bag
+from artibot_sim.experiment.blocks import in_turn
 from artibot_sim.identify import identify
 from artibot_sim.model import load_robot
 
@@ -90,7 +92,77 @@ def test_a_gyroscope_that_is_upside_down_is_turned() -> None:
     found = aligned(raw, robot)
     assert "gyro_flip" in {one.name for one in found.mended} and compare_streams(raw).gyro.coefficients[0] < 0.0
     assert compare_streams(found.experiment).gyro.coefficients[0] > 0.9
-    assert any("upside down" in said and "its sign was turned" in said for said in what_was_mended([found]))
+    assert any("upside down" in said and "the sign was turned" in said for said in what_was_mended([found]))
+
+
+LATE = Logger(delays={"ground_truth_odom": 0.3, "motor_torques": 0.2}, polled=0.0)
+
+
+def test_a_part_that_is_held_out_has_the_clock_of_the_part_that_is_fitted() -> None:
+    """Its own poses, wherever they are, change nothing of what is done to its stamps."""
+    robot, raw = logged(LATE, 5)
+    parts = in_turn(raw)
+    pose = parts[1].channels["ground_truth_odom"]
+    lost = replace(pose, columns={**pose.columns, "x": 0.0 * pose["x"], "yaw": 0.0 * pose["yaw"]})
+    parts = (*parts, replace(parts[1], channels={**parts[1].channels, "ground_truth_odom": lost}))
+    found = [aligned(one, robot) for one in parts]
+    assert found[0].mended and all(one.mended == found[0].mended for one in found)
+    for key in ("ground_truth_odom", "motor_torques"):
+        shifts = [float(np.median(of.experiment.channels[key].t - one.channels[key].t)) for of, one in
+                  zip(found, parts, strict=True)]  # fmt: skip
+        assert shifts[0] < -0.1 and np.ptp(shifts) < 1e-6
+
+
+def test_streams_stay_together_where_one_delay_is_not_sure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Poses that are surely late go with rotations that are late by nobody knows how much: the gyroscope moves."""
+    robot, raw = logged(LATE, 5)
+    known = alignment.shiftable
+    monkeypatch.setattr(alignment, "shiftable", lambda one: one.name != "rotation_delay" and known(one))
+    found = aligned(raw, robot)
+    assert [one.name for one in found.mended] == ["gyro_delay"]
+    moved = {key: float(np.median(one.t - raw.channels[key].t)) for key, one in found.experiment.channels.items()}
+    assert moved.pop("imu") == pytest.approx(0.3, abs=0.03) and not any(moved.values())
+    assert abs(compare_streams(found.experiment).gyro.value) < 0.02
+
+
+@pytest.mark.parametrize("flaw", ["pose_flip", "y_flip", "frame_flip", "side_swap", "reversed_wheel"])
+@pytest.mark.parametrize("robot", ["husky_driven", "agriq"])
+def test_signs_and_sides_that_are_the_wrong_way_round_are_turned(flaw: str, robot: str) -> None:
+    """The columns are those of the same drive without the flaw, commands too, and nothing is found in them."""
+    made = load_robot(robot)
+    of = drive(made, np.random.default_rng(8), 60.0)
+    raw, right = (recorded(of, replace(FLAWS[name], mount=None), np.random.default_rng(9)) for name in (flaw, "none"))
+    found = aligned(raw, made)
+    assert [one.name for one in found.mended] == ["pose_flip" if flaw.endswith("flip") else flaw]
+    assert not any(one.serious for one in found.found)
+    assert any("beforehand" in said for said in what_was_mended([found]))
+    for key, names in (("ground_truth_odom", ("x", "y", "yaw")), ("motor_torques", ("front_right.velocity",))):
+        seen, true = (np.column_stack([one.channels[key][name] for name in names]) for one in (found.experiment, right))
+        assert (np.nanstd(seen - true, axis=0) < 0.2 * np.nanstd(true, axis=0)).all()
+    command = found.experiment.channels["motor_command"]
+    if flaw in ("side_swap", "reversed_wheel"):  # of the rotations only: commands had the right sides and signs
+        assert command is raw.channels["motor_command"]
+
+
+def test_commands_are_exchanged_with_the_sides_that_they_are_of() -> None:
+    made = load_robot("husky_driven")
+    raw = recorded(drive(made, np.random.default_rng(8), 60.0), FLAWS["side_swap"], np.random.default_rng(9))
+    command = raw.channels["motor_command"]
+    names = [f"front_{side}.velocity" for side in ("right", "left")]
+    swapped = dict(command.columns) | dict(zip(names, [command[name] for name in names[::-1]], strict=True))
+    both = replace(raw, channels={**raw.channels, "motor_command": replace(command, columns=swapped)})
+    mended = aligned(both, made).experiment.channels["motor_command"]
+    assert all(np.array_equal(mended[name], command[name], equal_nan=True) for name in names)
+
+
+def test_a_place_that_is_lost_for_long_is_cut_out() -> None:
+    """Positions before and after are as late as without it, and no window holds a leap."""
+    robot, raw = logged(FLAWS["lost_place"], 7)
+    found = aligned(raw, robot)
+    assert [one.name for one in found.mended] == ["pose_leap"]
+    assert not leaps_of(segments_of(found.experiment), robot)
+    kept = sum(b - a for a, b in found.experiment.segments)
+    assert 60.0 < kept < 80.0  # of 90 s, of which it was lost for 15
 
 
 @pytest.mark.parametrize("mount", [(0.05, -0.15), (0.5 * np.pi, 0.0), (0.0, -1.2)])

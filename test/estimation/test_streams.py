@@ -137,8 +137,11 @@ def test_the_command_says_what_has_to_be_mended(tmp_path: Path) -> None:
     (found,) = json.loads(out.read_text())[:1]
     assert status == 1 and not found["usable"]
     assert "side_swap" in [one["name"] for one in found["findings"]]
+    (first, *_) = what_is_wrong(on_one_clock([experiment], robot, 0), [])
+    assert "left and right wheels" in first and "the sides were exchanged beforehand" in first
+    robot, experiment, _ = trial("gyro_axis", 1)
     first, *rest = what_is_wrong(on_one_clock([experiment], robot, 0), [])
-    assert first.startswith("mend this first") and "left and right wheels" in first
+    assert first.startswith("mend this first") and "IMU is turned" in first
     assert not any(said.startswith("mend this first") for said in rest)
     robot, experiment, _ = trial("none", 1)
     bag = written(tmp_path / "good", experiment)

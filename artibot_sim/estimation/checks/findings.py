@@ -5,13 +5,14 @@ No soil is fitted for it: the streams are held against each other (`estimation.s
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.estimation.streams import (
+    BLOCK,
     LAGS,
     Delay,
     RunningSums,
@@ -56,6 +57,10 @@ _ALIKE = 0.3
 """Known factors within this, as a logarithm, are named."""
 _LEAP, _JITTER = 0.25, 0.25
 """m that a pose may move farther than the wheels' rims could, with stamps wrong by so many s."""
+SHORTEST = 2.0
+"""s between two leaps that are worth keeping."""
+_CREPT = 0.05
+"""m/s from which on a pose counts as moving."""
 _SURE = 3.0
 _AIR_WAY, _AIR_SHARE = 3.0, 0.15
 """m that wheels rolled while the rover went less than this share of it."""
@@ -85,6 +90,8 @@ class Finding:
         What to do about it.
     serious : bool
         Whether nothing that is fitted means anything before it is mended.
+    columns : mapping of str to mapping
+        Channel → column → the column that holds its values, and their factor; empty where that does not mend it.
     """
 
     name: str
@@ -96,6 +103,7 @@ class Finding:
     evidence: str
     mend: str
     serious: bool = False
+    columns: Mapping[str, Mapping[str, tuple[str, float]]] = field(default_factory=dict)
 
     def __str__(self) -> str:
         return f"{self.text} ({self.evidence}); {self.mend}"
@@ -187,16 +195,17 @@ def findings(
     experiment : Experiment
     robot : Robot
     streams : StreamComparisons, optional
-        What `compare_streams` found.
+        What `compare_streams` found between its leaps.
     seed : int
         Of the draws that intervals come from, where it is still to be found.
     """
-    of = streams or compare_streams(experiment, seed)
+    of = streams or compare_streams(without_leaps(experiment, robot), seed)
     found = [*_held(of), *_air(of, robot)]
     if not any(one.name == "in_air" for one in found):
-        found += [*_signs(of), *_units(of, robot), *_unrelated(of)]
+        of, wrong = with_signs(of)
+        found += [*wrong, *_units(of, robot), *_unrelated(of)]
     found += [*_gyro(of), *imu_tilt(experiment), *(_or_smoothed(of, one) for one in _delays(of)), *_skews(of)]
-    found += [*_leaps(of, robot), *_set_points(of)]
+    found += [*_leaps(experiment, of.pose_topic, robot), *_set_points(of)]
     if not any(one.serious or one.name == "set_points" for one in found):
         found += _late_articulation(of, found)
     return sorted(found, key=lambda one: not one.serious)
@@ -260,13 +269,13 @@ def _set_points(of: StreamComparisons) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _leaps(of: StreamComparisons, robot: Robot) -> Iterator[Finding]:
-    leaps = leaps_of(of.segments, robot)
+def _leaps(experiment: Experiment, topic: str, robot: Robot) -> Iterator[Finding]:
+    leaps = leaps_of(segments_of(experiment), robot)
     if leaps:
         when = ", ".join(f"{after:.1f}" for _, after, _ in leaps[:4]) + (" …" if len(leaps) > 4 else "")
         yield Finding(
-            "pose_leap", of.pose_topic, float(len(leaps)), None, "-",
-            f"{of.pose_topic} leaps {len(leaps)} time{'s' if len(leaps) > 1 else ''}, "
+            "pose_leap", topic, float(len(leaps)), None, "-",
+            f"{topic} leaps {len(leaps)} time{'s' if len(leaps) > 1 else ''}, "
             f"by up to {max(step for *_, step in leaps):.2g} m",
             f"at {when} s it moves farther than the wheels' rims",
             "leave those windows out; the localisation lost its place there",
@@ -276,10 +285,11 @@ def _leaps(of: StreamComparisons, robot: Robot) -> Iterator[Finding]:
 def leaps_of(segments: Sequence[StreamSegment], robot: Robot) -> list[tuple[float, float, float]]:
     """Where a pose moves farther than the wheels' rims: the times before and after (s), and by how much (m).
 
-    None where it does so all the time: then units or robot are wrong.
+    None where it does so most of the time that it moves: then units or robot are wrong.
     """
     rim = robot.wheel.r_w * robot.drive.front.tau
     found: list[tuple[float, float, float]] = []
+    moving = 0
     for segment in segments:
         points, wheels = segment.points, segment.wheels
         if points is None or len(points.t) < 3:
@@ -291,8 +301,23 @@ def leaps_of(segments: Sequence[StreamSegment], robot: Robot) -> list[tuple[floa
         moved = step > 4.0 * np.median(step) if len(step) > 20 else np.ones(len(step), bool)
         for i in np.flatnonzero((over > 0.0) & moved & (dt < 1.0)).tolist():
             found.append((float(points.t[i]), float(points.t[i + 1]), float(step[i])))
-    total = sum(len(s.points.t) for s in segments if s.points is not None)
-    return found if len(found) < max(0.02 * total, 3) else []
+        moving += len(np.unique(np.floor(points.t[1:][step > _CREPT * dt] / BLOCK)))
+    return found if 2 * len({int(after / BLOCK) for _, after, _ in found}) < max(moving, 4) else []
+
+
+def without_leaps(experiment: Experiment, robot: Robot) -> Experiment:
+    """A recording whose segments end where its pose leaps: it has no relation to the one before.
+
+    Pieces shorter than `SHORTEST` are left out.
+    """
+    leaps = leaps_of(segments_of(experiment), robot)
+    found: list[tuple[float, float]] = []
+    for first, last in experiment.segments:
+        inside = [(before, after) for before, after, _ in leaps if first <= before < last]
+        begins, ends = [first, *(after for _, after in inside)], [*(before for before, _ in inside), last]
+        pieces = list(zip(begins, ends, strict=True))
+        found += [(a, b) for a, b in pieces if b - a >= SHORTEST] if inside else pieces
+    return replace(experiment, segments=tuple(found)) if leaps and found else experiment
 
 
 def _rolled(wheels: RunningSums, begin: Array, end: Array) -> Array:
@@ -365,35 +390,125 @@ def _signs(of: StreamComparisons) -> Iterator[Finding]:
     shown = [f"of the positions {100 * forward.agreement:.0f} %" if forward else "",
              f"of the turning {100 * turn.agreement:.0f} %" if turn else ""]  # fmt: skip
     evidence = "so they explain " + " and ".join(word for word in shown if word)
-    reversed_ = {("-+", "--"): "right", ("+-", "++"): "left"}.get((ahead or "", about or ""))
-    if reversed_ or (ahead, about) == ("--", "-+"):
-        side = f"the {reversed_} side's" if reversed_ else "both sides'"
+    reversed_ = {("-+", "--"): [0], ("+-", "++"): [1], ("--", "-+"): [0, 1]}.get((ahead or "", about or ""))
+    if reversed_:
+        side = "both sides'" if len(reversed_) == 2 else f"the {('right', 'left')[reversed_[0]]} side's"
         yield Finding(
             "reversed_wheel", topic, -1.0, None, "-", f"{side} rotations have the wrong sign", evidence,
             "turn the sign in the recording, or with drive.front.polarity where it comes from the drive", serious=True,
+            columns=_turned_back(of, reversed_),
         )  # fmt: skip
     elif about == "-+" and ahead in ("++", None):
         yield from _swapped(of, topic, evidence)
+    elif about == "+-" and forward is None and (bend := _course(of)) is not None and bend < -0.5:
+        yield _flipped_pose(of, f"its path turns against its own heading (correlation {bend:.2f})", "y")
 
 
 def _swapped(of: StreamComparisons, topic: str, evidence: str) -> Iterator[Finding]:
     """Turning is against the wheels: either their sides or the sensor's sign are the wrong way round."""
-    gyro = agreeing(of.gyro)
+    gyro, pose = agreeing(of.gyro), of.pose_topic
     if gyro is not None and gyro.coefficients[0] < 0 and of.gyro_wheels and _pattern(of.gyro_wheels) == "+-":
-        yield Finding(
-            "pose_flip", of.pose_topic, -1.0, None, "-", f"the heading of {of.pose_topic} has the wrong sign",
-            "gyroscope and wheels turn the other way", "turn the sign of its yaw", serious=True,
-        )  # fmt: skip
+        # a heading that agrees with its own path is of a frame whose y points to the right
+        frame = agreeing(of.forward) is not None
+        yield (
+            _flipped_pose(of, "gyroscope and wheels turn the other way", "y", "yaw")
+            if frame
+            else _flipped_pose(of, "gyroscope and wheels turn the other way", "yaw")
+        )
     elif gyro is None and (bend := _course(of)) is not None and bend < -0.5:
-        yield Finding(
-            "pose_flip", of.pose_topic, -1.0, None, "-", f"the heading of {of.pose_topic} has the wrong sign",
-            f"its own path turns the other way (correlation {bend:.2f})", "turn the sign of its yaw", serious=True,
-        )  # fmt: skip
+        yield _flipped_pose(of, f"its own path turns the other way (correlation {bend:.2f})", "yaw")
     else:
+        unseen = f", or y of {pose} points to the right; this recording looks the same" if gyro is None else ""
         yield Finding(
-            "side_swap", topic, -1.0, None, "-", "left and right wheels are taken for each other", evidence,
-            "exchange the two sides", serious=True,
+            "side_swap", topic, -1.0, None, "-", f"left and right wheels are taken for each other{unseen}", evidence,
+            "exchange the two sides", serious=True, columns=_exchanged(of),
         )  # fmt: skip
+
+
+_MIRRORED = {"y": ("y", "vy"), "yaw": ("yaw", "yaw_rate")}
+"""Columns of a pose that change their sign with its y, or with its yaw."""
+
+
+def _flipped_pose(of: StreamComparisons, evidence: str, *wrong: str) -> Finding:
+    """The finding that a pose's y, its yaw or both have the wrong sign."""
+    topic, channel = of.pose_topic, of.experiment.channels["ground_truth_odom"]
+    said = {
+        ("yaw",): f"the heading of {topic} has the wrong sign", ("y",): f"y of {topic} has the wrong sign",
+        ("y", "yaw"): f"y and heading of {topic} have the wrong sign: its frame's z points down",
+    }[wrong]  # fmt: skip
+    columns = {name: (name, -1.0) for one in wrong for name in _MIRRORED[one] if name in channel.columns}
+    return Finding(
+        "pose_flip", topic, -1.0, None, "-", said, evidence, f"turn the sign of its {' and its '.join(wrong)}",
+        serious=True, columns={"ground_truth_odom": columns},
+    )  # fmt: skip
+
+
+def _exchanged(of: StreamComparisons) -> dict[str, dict[str, tuple[str, float]]]:
+    """Columns of the front motors under the other side's name, in all channels that have the rotations' sides.
+
+    Commands have them unless rotations follow the other side's commands.
+    """
+    follows, other = _commanded(of), dict(zip(MOTORS[:2], MOTORS[1::-1], strict=True))
+    keys = ["motor_torques", "motor_currents", *(["motor_command"] if np.trace(follows) >= follows.sum() / 2.0 else [])]
+    return {
+        key: {
+            name: (f"{other[motor]}.{what}", 1.0)
+            for name in channel.columns
+            for motor, _, what in [name.partition(".")]
+            if motor in other and f"{other[motor]}.{what}" in channel.columns
+        }
+        for key in keys if (channel := of.experiment.channels.get(key)) is not None
+    }  # fmt: skip
+
+
+def _turned_back(of: StreamComparisons, sides: Sequence[int]) -> dict[str, dict[str, tuple[str, float]]]:
+    """Columns of the front motors of some sides (0 right, 1 left) with the other sign.
+
+    Commands have it where rotations follow them with their sign.
+    """
+    follows = _commanded(of)
+    wrong = {"motor_torques": sides, "motor_command": [side for side in sides if follows[side, side] > 0.0]}
+    return {
+        key: {
+            name: (name, -1.0) for name in channel.columns if name.startswith(tuple(f"{MOTORS[i]}." for i in those))
+        }
+        for key, those in wrong.items() if those and (channel := of.experiment.channels.get(key)) is not None
+    }  # fmt: skip
+
+
+def _commanded(of: StreamComparisons) -> Array:
+    """How the rotations of each side follow each side's commands: (2, 2), covariances of what they turn in a second."""
+    found = np.zeros((2, 2))
+    for segment in of.segments:
+        wheels, command = segment.wheels, segment.command
+        if wheels is not None and command is not None:
+            at = np.arange(max(wheels.t[0], command.t[0]), min(wheels.t[-1], command.t[-1]), 1.0)
+            turned, asked = (np.diff(one.at(at), axis=0) for one in (wheels, command))
+            found += turned.T @ asked
+    return found
+
+
+def with_columns(experiment: Experiment, found: Sequence[Finding]) -> Experiment:
+    """A recording with the columns that findings say it should have."""
+    if not any(one.columns for one in found):
+        return experiment
+    channels = dict(experiment.channels)
+    for one in found:
+        for key, columns in one.columns.items():
+            was = channels[key].columns
+            channels[key] = replace(
+                channels[key],
+                columns={**was, **{name: factor * was[source] for name, (source, factor) in columns.items()}},
+            )
+    return replace(experiment, channels=channels)
+
+
+def with_signs(of: StreamComparisons) -> tuple[StreamComparisons, list[Finding]]:
+    """Comparisons of streams whose signs and sides are as they should be, and what was wrong with these."""
+    wrong = list(_signs(of))
+    if not any(one.columns for one in wrong):
+        return of, wrong
+    return compare_streams(with_columns(of.experiment, wrong), of.seed), wrong
 
 
 def _course(of: StreamComparisons) -> float | None:
@@ -490,10 +605,14 @@ def _heading_against_wheels(of: StreamComparisons) -> bool:
     return turn is not None and _pattern(turn) == "-+"
 
 
+GYRO_TURNED = {"imu": {"yaw_rate": ("yaw_rate", -1.0)}}
+"""Columns of a gyroscope that is upside down as they should be."""
+
+
 def _flipped(topic: str, evidence: str) -> Finding:
     return Finding(
         "gyro_flip", topic, -1.0, None, "-", "the gyroscope's yaw rate has the wrong sign: it is upside down", evidence,
-        "turn its sign", serious=True,
+        "turn its sign", serious=True, columns=GYRO_TURNED,
     )  # fmt: skip
 
 
