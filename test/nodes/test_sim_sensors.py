@@ -9,14 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 from model.effects import SENSORS_1
+from rclpy.node import Node
 from sim_probe import TYPES, Probe, stamp_ns
 
 from artibot_driver.simulated.motion import ShaftCommand
 from artibot_sim.model import load_robot, save_robot
 from artibot_sim.model.robot.parameters import SensorErrors
 from artibot_sim.nodes.common.rotations import rotation
+from artibot_sim.nodes.common.transforms import FrameNames
 from artibot_sim.nodes.drives.motors import RoverShafts
 from artibot_sim.nodes.sim.engine import Periods, StartPose
+from artibot_sim.nodes.sim.publishers import Published, Publishers
 from artibot_sim.nodes.sim.sensors import SensorModel, SimulatedSensors
 
 ERRORS = SensorErrors(1.02, 0.85, 0.12, -0.08, 0.12, -0.01)
@@ -103,3 +106,26 @@ def test_topics_show_what_sensors_see_and_the_truth_what_is(start_node, ros_cont
     rates = {stamp_ns(m): m.angular_velocity.z for m in probe.got["imu/data"]}
     off = [rates[k] - m.twist.twist.angular.z for k, m in truth.items() if k in rates]
     np.testing.assert_allclose(off, -0.01, atol=1e-12)
+
+
+def test_motors_behind_drives_are_measured_by_these_alone(ros_context) -> None:
+    """What smooths speeds goes on by each measurement: one for topics of which there are none would spoil it."""
+    robot, node = load_robot("agriq"), Node("sim", context=ros_context)
+    out = Publishers(node, robot, Published(False, False, True, False, False, False, FrameNames(), 0.0, 0.0))
+
+    def speeds(publishes: bool) -> list[float]:
+        sensors = SimulatedSensors(SensorModel(velocity=0.1), 1, SensorErrors(velocity_filter=0.05))
+        shafts = RoverShafts(robot, Periods.of(100.0, 1e-3), StartPose(), sensors=sensors)
+        for motor in shafts.shafts.values():
+            motor.command(ShaftCommand(20.0, None, 2.0))
+        for k in range(20):
+            shafts.advance(5)
+            if publishes:
+                out.publish(10**18 + k * 10_000_000, shafts.sample(), sensors, None, False)
+            found = [motor.state().velocity for motor in shafts.shafts.values()]
+        return found
+
+    try:
+        assert speeds(True) == speeds(False)
+    finally:
+        node.destroy_node()

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
-from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
@@ -117,22 +116,24 @@ class WheelJoints:
     def __init__(self, robot: Robot, passive: bool = False) -> None:
         sides = sides_of(len(robot.modules))
         self._driven = [sides.index(motor) for motor in robot.motors if motor in sides]
-        self._tau = side_gears(robot)[self._driven]
+        self._tau = side_gears(robot)[self._driven].tolist()
         self._passive = passive and len(self._driven) < len(sides)
         joints = robot.wheel_joints
         known = range(len(sides)) if passive else self._driven
         self.names = tuple(joint for side in known for joint in joints[2 * side : 2 * side + 2])
 
-    def of(self, motors: Any, sides: Any = None) -> NDArray[np.float64]:
-        """Wheel-side values, in the order of `names`, from the motors' (shape (4,)).
+    def of(self, motors: Sequence[float], sides: Sequence[float] | None = None) -> list[float]:
+        """Wheel-side values, in the order of `names`, from the motors' four.
 
         `sides` are those of the wheels on each side, of which the ones of passive modules are taken.
         """
-        turned = np.asarray(motors)[: len(self._driven)] * self._tau
+        turned = [gear * value for gear, value in zip(self._tau, motors, strict=False)]
         if self._passive:
-            turned, driven = np.array(sides), turned
-            turned[self._driven] = driven
-        return np.repeat(turned, 2)
+            assert sides is not None
+            driven, turned = turned, list(sides)
+            for side, value in zip(self._driven, driven, strict=True):
+                turned[side] = value
+        return [value for value in turned for _ in range(2)]
 
 
 class MotorPublishers:

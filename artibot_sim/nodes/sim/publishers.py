@@ -112,8 +112,12 @@ class Publishers:
         """Publish one instant on every topic; `believed` goes on by it, unless a driver has the odometry."""
         self.clock(t_ns)
         self._publish_truth(t_ns, sample)
-        position, velocity = sensors.encoders(sample.motor_position), sensors.velocities(t_ns, sample.motor_velocity)
+        position = velocity = None  # with drives these measure the motors, and the driver publishes them
         if self._motors:
+            position, velocity = (
+                sensors.encoders(sample.motor_position),
+                sensors.velocities(t_ns, sample.motor_velocity),
+            )
             believed.update((float(position[0]), float(position[1])), (float(velocity[0]), float(velocity[1])))
             self._motors.torques(t_ns, position, velocity, sensors.torques(sample.motor_torque))
             self._motors.command(t_ns, sample.command, sample.motor_torque[2:])
@@ -141,7 +145,7 @@ class Publishers:
         angles, rates = [], []
         if self._wheels:
             free = (None, None) if sample.wheels is None else sample.wheels
-            angles, rates = self._wheels.of(position, free[0]).tolist(), self._wheels.of(rate, free[1]).tolist()
+            angles, rates = self._wheels.of(position.tolist(), free[0]), self._wheels.of(rate.tolist(), free[1])
         if self._bends:
             angles += sensors.articulation(sample.articulation[0]).tolist()
             rates += sample.articulation[1].tolist()
