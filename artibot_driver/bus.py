@@ -214,9 +214,7 @@ class Bus:
         if not isinstance(self.raw, RelayedBus) or self._controller is BusState.LOST:
             return [self.send(frame) for frame in frames]
         try:
-            self.raw.send_all(
-                can.Message(arbitration_id=each.can_id, data=each.data, is_extended_id=False) for each in frames
-            )
+            self.raw.send_frames(frames)
         except _TROUBLE as error:
             self.counters.not_sent += len(frames)
             self._failed(error)

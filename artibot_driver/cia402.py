@@ -36,6 +36,8 @@ class DriveState(enum.Enum):
     FAULT_REACTION_ACTIVE = Pattern(0x4F, 0x0F)
     FAULT = Pattern(0x4F, 0x08)
 
+    __hash__ = object.__hash__  # members are single; enum's own hashes their names, in Python
+
     def __str__(self) -> str:
         return self.name.lower().replace("_", " ")
 
@@ -53,6 +55,8 @@ class Command(enum.Enum):
     QUICK_STOP = Pattern(0x86, 0x02)
     FAULT_RESET = Pattern(0x80, 0x80)
 
+    __hash__ = object.__hash__
+
     @property
     def controlword(self) -> int:
         """The plainest controlword that gives this command: all bits zero that do not matter."""
@@ -69,6 +73,8 @@ class DriveEvent(enum.Enum):
     FAULT = "fault detected"
     FAULT_REACTION_DONE = "fault reaction done"
     QUICK_STOP_DONE = "standstill after a quick stop"
+
+    __hash__ = object.__hash__
 
 
 class Transition(NamedTuple):

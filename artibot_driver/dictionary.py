@@ -85,7 +85,7 @@ class PdoMap:
     fields: tuple[Field, ...]
     flags: int = 0
 
-    @property
+    @cached_property
     def to_drive(self) -> bool:
         """Whether the drives receive it."""
         return self.name.startswith("R")

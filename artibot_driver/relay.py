@@ -38,6 +38,8 @@ from can_remote.protocol import (
 )
 from can_remote.websocket import BINARY, CLOSE, PING, PONG, TEXT, WebsocketClosed, get_accept_key
 
+from artibot_driver.frames import Frame
+
 # ----------------------------------------------------------------------
 # Frames of websockets, and messages of CAN in them.
 # ----------------------------------------------------------------------
@@ -48,6 +50,12 @@ _AT_ONCE: Final = 1 << 16
 
 _STAMP: Final = struct.Struct(">Bd")
 """With what a message begins: its kind, and when the bus had it, system time in s."""
+
+_FRAME: Final = struct.Struct(f">BB4xB{BINARY_MSG_STRUCT.format.lstrip('>')}")
+"""What comes before the data of a short, masked frame with a message of CAN: see `websocket_frame` and `packed`."""
+
+_BEFORE: Final = 1 + BINARY_MSG_STRUCT.size
+"""Bytes of such a message before its data."""
 
 _PROTOCOL: Final = "can.binary+json.v1"
 _NO_MASK: Final = bytes(4)
@@ -133,9 +141,15 @@ class RelayedBus(RemoteBus):
         """Transmit a message."""
         self.socket.sendall(websocket_frame(BINARY, packed(msg), masked=True))
 
-    def send_all(self, messages: Iterable[can.Message]) -> None:
-        """Transmit messages in one go."""
-        self.socket.sendall(b"".join(websocket_frame(BINARY, packed(one), masked=True) for one in messages))
+    def send_frames(self, frames: Iterable[Frame]) -> None:
+        """Transmit data frames with 11-bit identifiers in one go."""
+        self.socket.sendall(
+            b"".join(
+                _FRAME.pack(BINARY | 0x80, _BEFORE + len(data) | 0x80, BINARY_MESSAGE_TYPE, 0.0, can_id, len(data), 0)
+                + data
+                for can_id, data in frames
+            )
+        )
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """The next message, None when none comes within `timeout` s."""

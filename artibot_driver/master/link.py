@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from artibot_driver.cia402 import DriveState, controlword_for, state_of
-from artibot_driver.dictionary import PdoMap
 from artibot_driver.frames import Emcy, Frame, Heartbeat, NmtState, Sdo, error_text
 from artibot_driver.master.setup import DriveSetup
 from artibot_driver.master.values import INTERNAL_LIMIT, WARNING, DriveStatus, SetupStage
@@ -95,8 +94,9 @@ class Link:
         self._twice = 0
         self._came_twice = self._missed_beat = False
         self._mode = int(rig.config.mode(motor))
-        self._codec = rig.codec
-        self._rpdos = tuple(each for each in rig.codec.maps.values() if each.to_drive)
+        self._rpdos = tuple(
+            (each.id_of(self.node), each.packing, each.objects) for each in rig.codec.maps.values() if each.to_drive
+        )
         self._controlword = 0
         self._total: int | None = None
         self._origin = 0
@@ -117,17 +117,18 @@ class Link:
         elif self._in_period and self._in_period[-1] > name:
             self._tally["out_of_order"] += 1
         self._in_period.append(name)
-        objects = self.received.objects
-        for index, value in zip(pdo.map.objects, pdo.values, strict=True):
+        received, mapped = self.received, pdo.map.objects
+        objects = received.objects
+        for index, value in zip(mapped, pdo.values, strict=True):
             if index is not None:
                 objects[index] = value
-        if STATUSWORD in pdo.map.objects:
+        if STATUSWORD in mapped:
             self.state = state_of(objects[STATUSWORD])
-            self.received.feedback_ns, self.received.sampled_ns = now, sampled
-            self.received.operational_ns = self.received.operational_ns or now
+            received.feedback_ns, received.sampled_ns = now, sampled
+            received.operational_ns = received.operational_ns or now
             self.setup.started()
-        if POSITION in pdo.map.objects:
-            self.received.position_ns = now
+        if POSITION in mapped:
+            received.position_ns = now
             self._count_on(objects[POSITION])
 
     def _count_on(self, raw: int) -> None:
@@ -211,11 +212,13 @@ class Link:
 
     def feedback_age(self, now: int) -> float:
         """Since its last statusword, s."""
-        return _age(self.received.feedback_ns, now)
+        then = self.received.feedback_ns
+        return math.inf if then is None else max(0.0, 1e-9 * (now - then))
 
     def heartbeat_age(self, now: int) -> float:
         """Since its last heartbeat, s."""
-        return _age(self.received.heartbeat_ns, now)
+        then = self.received.heartbeat_ns
+        return math.inf if then is None else max(0.0, 1e-9 * (now - then))
 
     def misses_heartbeat(self, now: int, timeout: float) -> bool:
         """Whether it is operational, but no heartbeat has come for `timeout` (s), or none since it became so."""
@@ -270,8 +273,15 @@ class Link:
         elif hold and not self.in_fault:
             state = target
         self._controlword = controlword_for(state, target, self._controlword, reset_faults=reset_faults)
-        given = {CONTROLWORD: self._controlword, TARGET_VELOCITY: velocity, TARGET_TORQUE: torque}
-        return [self._codec.pdo(each.name, self.node, _values(each, given)) for each in self._rpdos]
+        given: dict[int | None, int] = {
+            CONTROLWORD: self._controlword,
+            TARGET_VELOCITY: velocity,
+            TARGET_TORQUE: torque,
+        }
+        return [
+            Frame(can_id, packing.pack(*(given.get(index, 0) for index in objects)))
+            for can_id, packing, objects in self._rpdos
+        ]
 
     def status(self, now: int, trouble: str) -> DriveStatus:
         """All about it, for a person."""
@@ -294,7 +304,3 @@ class Link:
 
 def _age(then: int | None, now: int) -> float:
     return math.inf if then is None else max(0.0, 1e-9 * (now - then))
-
-
-def _values(each: PdoMap, given: dict[int, int]) -> list[int]:
-    return [0 if index is None else given.get(index, 0) for index in each.objects]

@@ -51,17 +51,19 @@ def check_kappa(robot: Robot, kappa: float) -> float:
     return kappa
 
 
-def back_torque(rig: Rig, motor: str, kappa: float, front: tuple[int, int]) -> Scaled:
+def back_torque(rig: Rig, motor: str, factor: float, front: tuple[int, int]) -> Scaled:
     """The target torque (6071h) of a back motor's drive by eq. 30, exact to rounding.
 
     Parameters
     ----------
+    factor : float
+        `back_torque_factor` of the robot and its kappa.
     front : (int, int)
         Torque actual values (6077h) of the front right and left drive, in their counts.
     """
     right, left = rig.scaling["front_right"].torque, rig.scaling["front_left"].torque
     total = right.si(front[0]) + left.si(front[1])
-    return rig.scaling[motor].torque.raw(back_torque_factor(rig.robot, kappa) * total)
+    return rig.scaling[motor].torque.raw(factor * total)
 
 
 # ----------------------------------------------------------------------
@@ -110,7 +112,8 @@ class Targets:
         self._deceleration = rig.config.stop_deceleration * turn
         self.velocity: Pair = (0.0, 0.0)
         self._effort = NAN_PAIR
-        self._kappa = rig.robot.control.kappa
+        self._kappa, self._share, self._checked = math.nan, 0.0, math.nan
+        self._share_by(rig.robot.control.kappa)
         self._law: Law | None = None
         self._law_fault = ""
         self._shared: Pair = (0.0, 0.0)
@@ -128,8 +131,8 @@ class Targets:
                 most = abs(self._rig.scaling[motor].torque.si(self._rig.scaling[motor].torque.high))
                 if abs(effort) > TOLERANCE * most:  # NaN leaves it to eq. 30
                     return f"{motor} effort {effort:g} N m, expected at most {most:g}"
-            if given.kappa is not None:
-                check_kappa(self._rig.robot, given.kappa)
+            if given.kappa is not None and given.kappa != self._checked:
+                self._checked = check_kappa(self._rig.robot, given.kappa)
             if self._law_fault and given.law is self._law:
                 return self._law_fault
         except ArtibotError as error:
@@ -148,8 +151,13 @@ class Targets:
             self._tally["saturated_velocity"] += 1
         self.velocity = (right * scale, left * scale)
         self._effort = given.back_effort
-        self._kappa = self._rig.robot.control.kappa if given.kappa is None else given.kappa
+        self._share_by(self._rig.robot.control.kappa if given.kappa is None else given.kappa)
         self._law = given.law
+
+    def _share_by(self, kappa: float) -> None:
+        """Have eq. 30 share the torque by this kappa."""
+        if kappa != self._kappa:
+            self._kappa, self._share = kappa, back_torque_factor(self._rig.robot, kappa)
 
     def begin(self, velocity: Pair) -> None:
         """Start from what the front motors do, rad/s, or the limit; what is next to nothing is rest."""
@@ -193,7 +201,7 @@ class Targets:
             if law is not None and math.isnan(effort):
                 scaled = self._rig.scaling[motor].torque.raw(law[i])
             elif math.isnan(effort):
-                scaled = back_torque(self._rig, motor, self._kappa, front_torque)
+                scaled = back_torque(self._rig, motor, self._share, front_torque)
             else:
                 scaled = self._rig.scaling[motor].torque.raw(effort)
             self._tally["saturated_torque"] += scaled.saturated

@@ -6,7 +6,7 @@ import enum
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from artibot_driver.bus import BusState
 from artibot_driver.cia402 import DriveState, StatusBit
@@ -96,8 +96,7 @@ class StopRecord:
     motor: str = ""
 
 
-@dataclass(frozen=True)
-class Feedback:
+class Feedback(NamedTuple):
     """What the drives have reported; NaN where it is not known (no feedback yet, or silent).
 
     Attributes
@@ -114,8 +113,7 @@ class Feedback:
     stamp_ns: tuple[int | None, int | None, int | None, int | None] = (None, None, None, None)
 
 
-@dataclass(frozen=True)
-class Commanded:
+class Commanded(NamedTuple):
     """What the frames of this cycle command, after rounding and limits; NaN where nothing is commanded.
 
     Attributes
@@ -142,8 +140,7 @@ class SetupStage(enum.Enum):
     RUNNING = "set up"
 
 
-@dataclass(frozen=True)
-class DriveStatus:
+class DriveStatus(NamedTuple):
     """One drive.
 
     Attributes
@@ -188,8 +185,7 @@ class DriveStatus:
         return bool(self.statusword & INTERNAL_LIMIT)
 
 
-@dataclass(frozen=True)
-class BusStatus:
+class BusStatus(NamedTuple):
     """The bus as the master finds it.
 
     Attributes
@@ -207,8 +203,7 @@ class BusStatus:
     reason: str
 
 
-@dataclass(frozen=True)
-class MasterStatus:
+class MasterStatus(NamedTuple):
     """All that a diagnosis needs, once a cycle.
 
     Attributes
@@ -245,8 +240,7 @@ class MasterStatus:
     other_driver: str = ""
 
 
-@dataclass(frozen=True)
-class MasterCycle:
+class MasterCycle(NamedTuple):
     """What one call of :meth:`Master.cycle` gives."""
 
     feedback: Feedback

@@ -75,7 +75,6 @@ class CanopenNode(ABC):
         self.objects.on_write(0x1016, self._watch_anew, 1)
         self.objects.on_write(0x1003, self._clear_errors)
         self._sdo = SdoServer(self.objects)
-        self._rpdos = tuple(index for index in range(0x1400, 0x1600) if index in dictionary)
         self._tpdos = tuple(index for index in range(0x1800, 0x1A00) if index in dictionary)
         self._sync_id, self._emcy_base, self._send = sync_id, emcy_base, send
         self._now = self._last_step = 0
@@ -149,27 +148,29 @@ class CanopenNode(ABC):
         if self.nmt is NmtState.BOOT_UP:
             return
         self._now = max(now, self._now)
-        values = self.objects.values
-        if can_id == 0:
+        if receivers := self.objects.receivers(can_id):
+            if self.nmt is NmtState.OPERATIONAL:
+                for communication in receivers:
+                    self._take_rpdo(communication, data)
+        elif can_id == self._sync_id:
+            if self.nmt is NmtState.OPERATIONAL:
+                self._take_sync()
+        elif can_id == 0:
             self._take_nmt(data)
         elif can_id == SDO_REQUEST + self.node and self.nmt is not NmtState.STOPPED:
             self._refresh()
             answer = self._sdo.answer(data)
             if answer is not None:
                 self._send(Frame(SDO_RESPONSE + self.node, answer))
-        elif can_id == HEARTBEAT_BASE + (values[0x1016, 1] >> 16 & 0x7F) and can_id != HEARTBEAT_BASE:
-            if len(data) == 1:
-                was_lost, self._heard, self.master_lost = self.master_lost, self._now, False
-                if was_lost:
-                    self._connection_back()
-        elif self.nmt is NmtState.OPERATIONAL:
-            if can_id == self._sync_id:
-                self._take_sync()
-            else:
-                for communication in self._rpdos:
-                    found = self.objects.pdo(communication)
-                    if found is not None and can_id == found.cob_id:
-                        self._take_rpdo(communication, found.packing.size, data)
+        elif can_id > HEARTBEAT_BASE and len(data) == 1 and can_id == HEARTBEAT_BASE + self._master:
+            was_lost, self._heard, self.master_lost = self.master_lost, self._now, False
+            if was_lost:
+                self._connection_back()
+
+    @property
+    def _master(self) -> int:
+        """Whose heartbeats it watches."""
+        return self.objects.values[0x1016, 1] >> 16 & 0x7F
 
     def _take_nmt(self, data: bytes) -> None:
         if len(data) != 2 or data[1] not in (0, self.node):
@@ -194,8 +195,11 @@ class CanopenNode(ABC):
         if was is NmtState.OPERATIONAL:
             self._connection_lost(COMMUNICATION)
 
-    def _take_rpdo(self, communication: int, size: int, data: bytes) -> None:
+    def _take_rpdo(self, communication: int, data: bytes) -> None:
         """Keep a PDO for the next SYNC; of several the last."""
+        found = self.objects.pdo(communication)
+        assert found is not None
+        size = found.packing.size
         if len(data) < size:
             self._warn(PDO_SHORT)
             return
@@ -208,14 +212,15 @@ class CanopenNode(ABC):
             self._apply(communication, data)
         self._pending.clear()
         self._refresh()
+        values = self.objects.values
         for communication in self._tpdos:
             count = self._syncs.get(communication, 0) + 1
-            due = count >= self.objects.values[communication, 2]
+            due = count >= values[communication, 2]
             self._syncs[communication] = 0 if due else count
             found = self.objects.pdo(communication) if due else None
             if found is not None:
                 cob_id, packing, keys = found
-                self._send(Frame(cob_id, packing.pack(*(self.objects.values[key] for key in keys))))
+                self._send(Frame(cob_id, packing.pack(*map(values.__getitem__, keys))))
 
     def _apply(self, communication: int, data: bytes) -> None:
         found = self.objects.pdo(communication)

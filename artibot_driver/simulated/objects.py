@@ -62,16 +62,18 @@ class Objects:
 
     def __init__(self, dictionary: ObjectDictionary, commissioned: Mapping[Key, int]) -> None:
         self._variables = _variables(dictionary)
+        self._rpdos = tuple(index for index in range(0x1400, 0x1600) if index in dictionary)
         self._commissioned = dict(commissioned)
         self._hooks: dict[Key, Callable[[int], None]] = {}
         self._pdos: dict[int, PdoSetup | None] = {}  # as they are set up: each is asked for with every SYNC
+        self._receivers: dict[int, tuple[int, ...]] | None = None
         self.values: dict[Key, int] = {}
         self.texts: dict[Key, bytes] = {}
         self.reset()
 
     def reset(self, communication_only: bool = False) -> None:
         """All objects, or those of communication (1000h to 1FFFh), as after power on."""
-        self._pdos.clear()
+        self._forget_pdos()
         for key, variable in self._variables.items():
             if communication_only and not 0x1000 <= key[0] < 0x2000:
                 continue
@@ -124,7 +126,7 @@ class Objects:
             raise Abort(TOO_LOW)
         if 0x1400 <= key[0] < 0x1C00:
             self._check_pdo(key, value)
-            self._pdos.clear()
+            self._forget_pdos()
         hook = self._hooks.get(key)
         if hook is not None:
             hook(value)
@@ -160,6 +162,21 @@ class Objects:
         if communication not in self._pdos:
             self._pdos[communication] = self._pdo(communication)
         return self._pdos[communication]
+
+    def receivers(self, can_id: int) -> tuple[int, ...]:
+        """Communication objects (1400h on) of the PDOs that a frame with this identifier is for, as set up now."""
+        if self._receivers is None:
+            self._receivers = {}
+            for communication in self._rpdos:
+                found = self.pdo(communication)
+                if found is not None:
+                    before = self._receivers.get(found.cob_id, ())
+                    self._receivers[found.cob_id] = (*before, communication)
+        return self._receivers.get(can_id, ())
+
+    def _forget_pdos(self) -> None:
+        self._pdos.clear()
+        self._receivers = None
 
     def _pdo(self, communication: int) -> PdoSetup | None:
         cob_id, mapping = self.values[communication, 1], communication + 0x200

@@ -50,6 +50,8 @@ def _quadrature(order: int) -> list[tuple[float, float]]:
 _NODES = _quadrature(7)
 """For the error of the turned angle."""
 
+_ROOTS = tuple(root for _, root in _NODES)
+
 
 def metres_per_radian(robot: Robot) -> float:
     """``r_w tau``: ground covered per radian of a front motor."""
@@ -212,25 +214,26 @@ class PoseError:
     def covariance_with(self, passed: tuple[float, float, float]) -> Array:
         """As `covariance`, with an error more of x, y and yaw (standard deviations, all by the same cause)."""
         slip = self.slip
-        errors = [passed]
-        for size, (x, y, yaw) in zip((slip.travel, slip.side, self.drift), self._common, strict=True):
-            errors.append((size * x, size * y, size * yaw))
-        for (_, root), (x, y, yaw) in zip(_NODES, self._turned, strict=True):
-            errors.append((root * x, root * y, root * yaw))
-        columns = np.array(errors)
         xx, xy, xt, yy, yt, tt = self._changing
+        for size, (x, y, yaw) in (
+            (1.0, passed), *zip((slip.travel, slip.side, self.drift), self._common, strict=True),
+            *zip(_ROOTS, self._turned, strict=True),
+        ):  # fmt: skip
+            square = size * size
+            xx += square * x * x
+            xy += square * x * y
+            xt += square * x * yaw
+            yy += square * y * y
+            yt += square * y * yaw
+            tt += square * yaw * yaw
         a, b, c = FLOOR
-        changing = np.array([[xx + a * a, xy, xt], [xy, yy + b * b, yt], [xt, yt, tt + c * c]])
-        return np.asarray(columns.T @ columns + changing)
+        return np.array([[xx + a * a, xy, xt], [xy, yy + b * b, yt], [xt, yt, tt + c * c]])
 
 
 def diagonal(*deviations: float) -> Array:
     """Covariance of what is independent, at least `FLOOR` each, shape (3, 3)."""
-    found = np.zeros((3, 3))
-    found[0, 0], found[1, 1], found[2, 2] = (
-        own * own + least * least for own, least in zip(deviations, FLOOR, strict=True)
-    )
-    return found
+    a, b, c = (own * own + least * least for own, least in zip(deviations, FLOOR, strict=True))
+    return np.array([[a, 0.0, 0.0], [0.0, b, 0.0], [0.0, 0.0, c]])
 
 
 class Odometry:

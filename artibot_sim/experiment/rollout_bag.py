@@ -192,9 +192,9 @@ def _motors(robot: Robot) -> tuple[str, ...]:
 
 
 def _ground_truth(result: Rollout) -> dict[str, Floats]:
-    from artibot_sim.model.simulate.motion import angular_velocity, linear_velocity
+    from artibot_sim.model.simulate.motion import velocities
 
-    pose, velocity, rates = result.pose, linear_velocity(result.q, result.v), angular_velocity(result.q, result.v)
+    pose, (velocity, rates) = result.pose, velocities(result.q, result.v)
     return {
         "x": pose[:, 0], "y": pose[:, 1], "z": result["z_f"],
         "roll": result["alpha_f"], "pitch": result["beta_f"], "yaw": pose[:, 2],

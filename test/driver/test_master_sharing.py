@@ -15,6 +15,7 @@ from artibot_driver.master.setpoints import back_torque
 from artibot_driver.rig import Rig, load_rig
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Robot, load_robot
+from artibot_sim.model.equations.transmission import back_torque_factor
 
 RIG = load_rig(config_from_parameters({}))
 PERMILLE = st.integers(-1000, 1000)
@@ -75,7 +76,7 @@ def paper(rig: Rig, kappa: float, right: int, left: int) -> float:
 def test_the_back_torque_is_that_of_eq_30_to_rounding(kappa: float, right: int, left: int) -> None:
     expected = paper(RIG, kappa, right, left)
     for motor, sign in (("back_right", -1), ("back_left", 1)):
-        scaled = back_torque(RIG, motor, kappa, (right, left))
+        scaled = back_torque(RIG, motor, back_torque_factor(RIG.robot, kappa), (right, left))
         permille = sign * expected / (1e-3 * 0.6)
         assert abs(scaled.raw - max(-1000.0, min(1000.0, permille))) <= 0.5 + 1e-9
         assert scaled.saturated == (abs(permille) > 1000.5)

@@ -43,8 +43,8 @@ def asked(what: str) -> PendingRequest:
 
 def with_drive(index: int, **changes: object) -> MasterStatus:
     drives = list(DRIVES)
-    drives[index] = replace(drives[index], **changes)
-    return replace(READY, drives=tuple(drives))
+    drives[index] = drives[index]._replace(**changes)
+    return READY._replace(drives=tuple(drives))
 
 
 @pytest.mark.parametrize("what", PATIENCE)
@@ -53,21 +53,21 @@ def test_no_answer_before_the_master_has_looked_and_always_one_in_the_end(what: 
     found = answer(asked(what), READY, 5.0 + PATIENCE[what] + 0.1)
     assert found is not None and not found[0] and found[1]
     for phase in Phase:
-        status = replace(READY, phase=phase, requests=4)
+        status = READY._replace(phase=phase, requests=4)
         assert answer(asked(what), status, 5.0 + PATIENCE[what] + 0.1) is not None
 
 
 def test_enable_is_true_only_of_enabled_drives() -> None:
     for phase in Phase:
-        found = answer(asked("enable"), replace(READY, phase=phase, requests=4, notice="refused: why"), 5.1)
+        found = answer(asked("enable"), READY._replace(phase=phase, requests=4, notice="refused: why"), 5.1)
         if phase is Phase.ENABLING:
             assert found is None
         else:
             assert found is not None and found[0] is (phase is Phase.ENABLED)
             assert found[0] or "why" in found[1]
-    failed = replace(READY, requests=4, stop=STOP, notice="enabling")
+    failed = READY._replace(requests=4, stop=STOP, notice="enabling")
     assert answer(asked("enable"), failed, 5.1) == (False, "a drive is silent: drive back_left says nothing")
-    before = replace(failed, stop=replace(STOP, at_ns=1), notice="refused: not ready")
+    before = failed._replace(stop=replace(STOP, at_ns=1), notice="refused: not ready")
     assert "refused: not ready" in answer(asked("enable"), before, 5.1)[1], "an old stop is no answer"  # type: ignore[index]
 
 
@@ -75,8 +75,8 @@ def test_what_is_in_the_way_names_motor_node_and_trouble() -> None:
     assert obstacles(READY) == ""
     assert "back_right (node 3): overheated" in obstacles(with_drive(2, trouble="overheated"))
     assert "front_left (node 2): not heard" in obstacles(with_drive(1, stage=SetupStage.SEEKING))
-    assert obstacles(replace(READY, refusal="608Fh differs")) == "608Fh differs"
-    down = replace(READY, bus=BusStatus(BusState.DOWN, 0.0, None, None, "vcan0 is down"))
+    assert obstacles(READY._replace(refusal="608Fh differs")) == "608Fh differs"
+    down = READY._replace(bus=BusStatus(BusState.DOWN, 0.0, None, None, "vcan0 is down"))
     assert "vcan0 is down" in obstacles(down)
 
 
@@ -91,17 +91,17 @@ def test_what_is_in_the_way_names_motor_node_and_trouble() -> None:
         (with_drive(2, statusword=0xC0), [OK, OK, OK, OK, WARN, OK]),
         (with_drive(2, statusword=0x0C37), [OK, OK, OK, OK, WARN, OK]),
         (with_drive(0, remark="another revision"), [OK, OK, WARN, OK, OK, OK]),
-        (replace(READY, stop=STOP), [ERROR, OK, OK, OK, OK, OK]),
-        (replace(READY, stop=replace(STOP, reason=StopReason.DISABLE)), [OK, OK, OK, OK, OK, OK]),
+        (READY._replace(stop=STOP), [ERROR, OK, OK, OK, OK, OK]),
+        (READY._replace(stop=replace(STOP, reason=StopReason.DISABLE)), [OK, OK, OK, OK, OK, OK]),
         (
-            replace(READY, phase=Phase.CONFIGURING, stop=replace(STOP, reason=StopReason.DISABLE)),
+            READY._replace(phase=Phase.CONFIGURING, stop=replace(STOP, reason=StopReason.DISABLE)),
             [WARN, OK, OK, OK, OK, OK],
         ),
-        (replace(READY, phase=Phase.LISTENING), [WARN, OK, OK, OK, OK, OK]),
-        (replace(READY, phase=Phase.LISTENING, other_driver="somebody else leads"), [ERROR, OK, OK, OK, OK, OK]),
-        (replace(READY, phase=Phase.CONFIGURING), [WARN, OK, OK, OK, OK, OK]),
+        (READY._replace(phase=Phase.LISTENING), [WARN, OK, OK, OK, OK, OK]),
+        (READY._replace(phase=Phase.LISTENING, other_driver="somebody else leads"), [ERROR, OK, OK, OK, OK, OK]),
+        (READY._replace(phase=Phase.CONFIGURING), [WARN, OK, OK, OK, OK, OK]),
         (
-            replace(READY, phase=Phase.OFFLINE, bus=BusStatus(BusState.BUS_OFF, 0.0, 255, 0, "bus-off")),
+            READY._replace(phase=Phase.OFFLINE, bus=BusStatus(BusState.BUS_OFF, 0.0, 255, 0, "bus-off")),
             [ERROR, ERROR, OK, OK, OK, OK],
         ),
     ],
@@ -129,7 +129,7 @@ def test_warning_and_limit_are_said_with_their_bits() -> None:
 
 
 def test_after_a_fault_s_stop_it_is_said_what_is_in_the_way_now() -> None:
-    status = replace(with_drive(0, trouble="a second node has the id 1"), phase=Phase.CONFIGURING, stop=STOP)
+    status = with_drive(0, trouble="a second node has the id 1")._replace(phase=Phase.CONFIGURING, stop=STOP)
     text = diagnostics(1, CONFIG, Identity("agriq"), status, {}).status[0].message
     assert STOP.text in text and "a second node has the id 1" in text
 
@@ -167,7 +167,7 @@ def test_supply_and_limit_are_told_by_the_statusword(word: int, supply: bool, li
 
 def test_news_is_what_a_person_would_want_to_know() -> None:
     assert judged(READY) == judged(with_drive(0, feedback_age=0.017)), "numbers that always change are none"
-    assert judged(READY) != judged(replace(READY, phase=Phase.ENABLED))
+    assert judged(READY) != judged(READY._replace(phase=Phase.ENABLED))
     assert judged(READY) != judged(with_drive(0, state=DriveState.FAULT))
     assert judged(None) != judged(None, fault="no bus")
 
@@ -180,8 +180,8 @@ def test_enable_on_start_enables_once() -> None:
     auto_enable = AutoEnable()
     assert looked(auto_enable, READY, 5.0) == (False, "")
     auto_enable.begin(5.0)
-    assert looked(auto_enable, replace(READY, phase=Phase.LISTENING), 5.1) == (False, "")
-    assert looked(auto_enable, replace(READY, phase=Phase.CONFIGURING), 5.2) == (False, "")
+    assert looked(auto_enable, READY._replace(phase=Phase.LISTENING), 5.1) == (False, "")
+    assert looked(auto_enable, READY._replace(phase=Phase.CONFIGURING), 5.2) == (False, "")
     assert looked(auto_enable, READY, 6.0) == (True, "")
     assert looked(auto_enable, READY, 6.1) == (False, "")
 
@@ -190,8 +190,8 @@ def test_enable_on_start_enables_once() -> None:
     ("status", "after", "why"),
     [
         (READY, START_WITHIN + 0.1, "not ready within 60 s"),
-        (replace(READY, stop=STOP), 1.0, "drive back_left says nothing"),
-        (replace(READY, phase=Phase.LOCKED), 1.0, Phase.LOCKED.value),
+        (READY._replace(stop=STOP), 1.0, "drive back_left says nothing"),
+        (READY._replace(phase=Phase.LOCKED), 1.0, Phase.LOCKED.value),
     ],
 )
 def test_enable_on_start_lapses_after_a_while_or_when_something_has_happened(

@@ -6,6 +6,8 @@ angles are computed.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -164,8 +166,16 @@ def articulation(q: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def articulations(q: NDArray[np.float64]) -> NDArray[np.float64]:
     """Yaw and roll of every joint one after the other, shape (…, 2 · joints), as `articulation` of the first."""
-    angles = q.reshape(*q.shape[:-1], -1, 8)[..., (GAMMA, ALPHA)]
-    return (angles[..., 1:, :] - angles[..., :-1, :]).reshape(*q.shape[:-1], -1)
+    behind, ahead = _joint_places(q.shape[-1])
+    moved: NDArray[np.float64] = q[..., behind] - q[..., ahead]
+    return moved
+
+
+@lru_cache
+def _joint_places(width: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Where yaw and roll of the module behind and ahead of each joint stand in a state of this width."""
+    ahead = np.array([8 * module + place for module in range(width // 8 - 1) for place in (GAMMA, ALPHA)], dtype=int)
+    return ahead + 8, ahead
 
 
 def constraint(robot: Robot, q: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -16,18 +16,24 @@ Array = NDArray[np.float64]
 
 def linear_velocity(q: Array, v: Array, module: int = 0) -> Array:
     """Velocity of a module's origin in its own frame, m/s, shape (…, 3), at states (…, 16)."""
-    s_a, c_a, s_b, c_b, s_g, c_g = _turns(q, module)
-    x, y, up = _parts(v, BACK * module, BACK * module + 1, BACK * module + Z)
-    forward, left = c_g * x + s_g * y, c_g * y - s_g * x
-    ahead, over = c_b * forward - s_b * up, s_b * forward + c_b * up
-    return _in_columns(ahead, c_a * left + s_a * over, c_a * over - s_a * left)
+    return velocities(q, v, module)[0]
 
 
 def angular_velocity(q: Array, v: Array, module: int = 0) -> Array:
     """Angular velocity of a module in its own frame, from the rates of its angles (eq. 2), rad/s, shape (…, 3)."""
-    s_a, c_a, s_b, c_b, _, _ = _turns(q, module)
-    roll, pitch, yaw = _parts(v, *(BACK * module + i for i in (ALPHA, BETA, GAMMA)))
-    return _in_columns(roll - s_b * yaw, c_a * pitch + s_a * c_b * yaw, c_a * c_b * yaw - s_a * pitch)
+    return velocities(q, v, module)[1]
+
+
+def velocities(q: Array, v: Array, module: int = 0) -> tuple[Array, Array]:
+    """`linear_velocity` and `angular_velocity` of a module."""
+    s_a, c_a, s_b, c_b, s_g, c_g = _turns(q, module)
+    x, y, up, roll, pitch, yaw = _parts(v, *(BACK * module + i for i in (0, 1, Z, ALPHA, BETA, GAMMA)))
+    forward, left = c_g * x + s_g * y, c_g * y - s_g * x
+    ahead, over = c_b * forward - s_b * up, s_b * forward + c_b * up
+    return (
+        _in_columns(ahead, c_a * left + s_a * over, c_a * over - s_a * left),
+        _in_columns(roll - s_b * yaw, c_a * pitch + s_a * c_b * yaw, c_a * c_b * yaw - s_a * pitch),
+    )
 
 
 def _parts(of: Array, *places: int) -> list[Any]:

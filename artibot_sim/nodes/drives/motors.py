@@ -8,7 +8,8 @@ without current `Mode.TORQUE` with none.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -25,7 +26,7 @@ from artibot_sim.nodes.sim.sensors import SensorModel, SimulatedSensors
 LONGEST_SLICE_NS = 2_000_000
 """Drives and motors exchange at the ends of such slices: what a frame finds is older by so much at most."""
 
-_MOTORS = list(MOTOR_COORDINATES)
+_MOTORS = np.array(MOTOR_COORDINATES)
 
 
 class Plant(Protocol):
@@ -48,12 +49,17 @@ class ModelShaft:
 
     Over a slice the velocity loop's set-point goes from what was asked for the slice before to what is asked now: it
     has no steps, and its slope is the acceleration that the loop feeds forward.
+
+    Parameters
+    ----------
+    measured : callable
+        What is measured at the end of the last slice.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, measured: Callable[[], ShaftState]) -> None:
         self.asked = FREE
         self._before: float | None = None
-        self._measured = ShaftState(0.0, 0.0, 0.0)
+        self._measured = measured
 
     def command(self, command: ShaftCommand) -> None:
         """Take a set-point."""
@@ -61,7 +67,7 @@ class ModelShaft:
 
     def state(self) -> ShaftState:
         """What was measured at the end of the last slice."""
-        return self._measured
+        return self._measured()
 
     def command_of_slice(self) -> MotorCommand:
         """The set-point of the model's motor for the next slice."""
@@ -72,10 +78,6 @@ class ModelShaft:
         first = asked.velocity if self._before is None else self._before
         self._before = asked.velocity
         return MotorCommand((first, asked.velocity), 0.0, asked.torque_limit)
-
-    def measure(self, position: float, velocity: float, torque: float) -> None:
-        """Keep what the drive is to see."""
-        self._measured = ShaftState(position, velocity, torque)
 
 
 class RoverShafts:
@@ -110,9 +112,10 @@ class RoverShafts:
             robot, dt=timing.dt_ns * 1e-9, integrator=integrator, state=self._initial, ground=ground
         )
         self._sensors = sensors or SimulatedSensors(SensorModel(), 0, sensor_errors(robot))
-        self._motors = tuple(ModelShaft() for _ in MOTORS)
+        self._motors = tuple(ModelShaft(partial(self._seen, motor)) for motor in range(len(MOTORS)))
         self.shafts: Mapping[str, Shaft] = dict(zip(MOTORS, self._motors, strict=True))
         self._counted = np.zeros(4)
+        self._readings: tuple[ShaftState, ...] | None = None
         self._gravity = gravity_of(robot)
         self._v_last = self._stepper.v.copy()
 
@@ -133,7 +136,7 @@ class RoverShafts:
         turns = (right, left, back_right, back_left)
         if self._stepper.advance(slices * self._steps, turns) is not Status.OK:
             raise Diverged(self._stepper.message)
-        self._measure()
+        self._readings = None
 
     def sample(self) -> TrueState:
         """The truth now; call it once a period."""
@@ -159,16 +162,21 @@ class RoverShafts:
         self._counted = counted
         self._stepper.state = self._initial
         self._v_last = self._stepper.v.copy()
-        self._measure()
+        self._readings = None
 
-    def _measure(self) -> None:
+    def _seen(self, motor: int) -> ShaftState:
+        """What a drive sees of its motor: all four are measured when the first is asked for after a slice."""
+        if self._readings is None:
+            self._readings = self._measured()
+        return self._readings[motor]
+
+    def _measured(self) -> tuple[ShaftState, ...]:
         velocity, torque = self._stepper.v[_MOTORS], self._stepper.torque
         position = self._sensors.turned(self._counted + self._stepper.q[_MOTORS])
         velocity = self._sensors.velocities(round(1e9 * self._stepper.t), velocity)
         torque = self._sensors.torques(torque)
         values = zip(position.tolist(), velocity.tolist(), torque.tolist(), strict=True)
-        for motor, (angle, speed, effort) in zip(self._motors, values, strict=True):
-            motor.measure(angle, speed, effort)
+        return tuple(ShaftState(*each) for each in values)
 
 
 class Flywheels:

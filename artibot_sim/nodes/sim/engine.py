@@ -13,7 +13,7 @@ from artibot_sim.model import Commands, Ground, Mode, Robot, Rollout, State, Sta
 from artibot_sim.model.effects import has_memory
 from artibot_sim.model.robot.derived import front_params
 from artibot_sim.model.simulate.commands import CommandChain, travelled
-from artibot_sim.model.simulate.motion import angular_velocity, joint_motion, linear_velocity
+from artibot_sim.model.simulate.motion import joint_motion, velocities
 from artibot_sim.model.simulate.rollout import (
     RolloutSetup,
     default_modes,
@@ -248,13 +248,14 @@ def sample_of(
     """The sample of a state (q, v), both of shape (16,), under motor torques (4,); it keeps views of the arrays."""
     motors, passive = motor_coordinates(robot), None in robot.drive.trailing
     yaw = float(q[5])
+    velocity, rates = velocities(q, v)
     c, s, (x, y, *_, rate) = math.cos(yaw), math.sin(yaw), v[:6].tolist()
     return TrueState(
         position=q[:3],
         rpy=q[3:6],
         twist=(c * x + s * y, c * y - s * x, rate),
-        velocity=linear_velocity(q, v),
-        rates=angular_velocity(q, v),
+        velocity=velocity,
+        rates=rates,
         specific_force=specific_force,
         motor_position=q[motors],
         motor_velocity=v[motors],
