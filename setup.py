@@ -3,11 +3,13 @@
 import runpy
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
 PACKAGE = "artibot_sim"
 ROOT = Path(__file__).resolve().parent
+MAINTAINER = ElementTree.parse(ROOT / "package.xml").find("maintainer")
 
 
 def share_files():
@@ -37,8 +39,8 @@ setup(
     version=runpy.run_path(str(ROOT / PACKAGE / "version.py"))["__version__"],
     description="Simulate, record and replay articulated eight-wheel rovers",
     license="Apache-2.0",
-    maintainer="artibot maintainers",
-    maintainer_email="artibot-maintainers@example.org",
+    maintainer=MAINTAINER.text,
+    maintainer_email=MAINTAINER.get("email"),
     packages=find_packages(include=[f"{PACKAGE}*", "artibot_driver*"]),
     data_files=share_files(),
     zip_safe=False,
