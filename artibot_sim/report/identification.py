@@ -171,9 +171,16 @@ def page_of(work: Work) -> bytes:
     found = work.result
     return render_page(
         figure_of(work), tables(work), COLUMNS, findings=found.findings,
-        answer=_answer(found.estimates, found.remarks, found.predictions),
+        answer=[_meanings(work), *_answer(found.estimates, found.remarks, found.predictions)],
         first=_first(found.predictions), closed=(_ERRORS_PART, "table"),
     )  # fmt: skip
+
+
+def _meanings(work: Work) -> str:
+    """What the parameters are."""
+    robot = work.result.robot
+    docs = {key: declared.doc for key, declared, _ in (*robot.quantities(), *robot.effect_quantities())}
+    return "; ".join(f"{e.name}: {docs[e.key]}" for e in work.result.estimates if e.key in docs) + "."
 
 
 def _answer(estimates: Sequence[Estimate], remarks: Sequence[str], predictions: Sequence[Prediction]) -> list[str]:
