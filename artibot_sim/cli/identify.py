@@ -80,7 +80,7 @@ class Outputs:
     "--fit", "names", default="k_l,k_t,mu_s,mu_d,u_w", show_default=True,
     help="Parameters, with commas between, as in a robot file: front.i_x, wheel.r_w. 'soil' is the default, 'geometry' "
     "the wheels' radius, its difference between the sides, and where on the robot the tracked body is, 'resistance' "
-    "that of the ground to each wheel's motion.",
+    "that of the ground to each wheel's motion, 'timing' how late poses are.",
 )  # fmt: skip
 @click.option(
     "--prior", "priors", multiple=True, metavar="NAME=MIDDLE±SD",

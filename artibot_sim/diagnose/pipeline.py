@@ -263,7 +263,8 @@ def _unexplained(decision: Decision, assessed: Assessment) -> Unexplained | None
         size = float(f"{law['size'].value:.3g}")
         said = unexplained_of(decision.unexplained.as_large(size))
         said = replace(said, size=size, form=form.name_at(float(fitted.value)))
-    return replace(said, laws=laws, log10_bayes_factor=nats / DECADE, spans=spans)
+    residuals = {name: tuple(map(tuple, rows.tolist())) for name, rows in assessed.laws.residuals.items()}
+    return replace(said, laws=laws, log10_bayes_factor=nats / DECADE, spans=spans, residuals=residuals)
 
 
 def _next(decision: Decision, channels: Mapping[str, ChannelBaseline]) -> NextExperiment | None:

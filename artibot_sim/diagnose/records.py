@@ -481,6 +481,8 @@ class Unexplained:
         Of the model with these against the one without; NaN where there are none.
     spans : mapping of str to (float, float)
         Between which values each law's variable mostly was.
+    residuals : mapping of str to tuple of (float, float, float)
+        Along each law's variable what recordings ask for beside it: value, force (N or N m), standard deviation.
     """
 
     force: str
@@ -493,6 +495,7 @@ class Unexplained:
     laws: Mapping[str, Mapping[str, EffectEstimate]] = field(default_factory=dict)
     log10_bayes_factor: float = float("nan")
     spans: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    residuals: Mapping[str, tuple[tuple[float, float, float], ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

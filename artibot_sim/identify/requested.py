@@ -28,10 +28,12 @@ GROUPS = {
         "effects.pose_heading_offset.angle",
     ),
     "resistance": ("effects.wheel_resistance.share",),
+    "timing": ("effects.pose_delay.delay",),
 }
 """Names that stand for several parameters. No data sheet has what this geometry says of one robot: how its tyres roll
 under load, that those of its sides are never quite equal, and where on it the tracked body was mounted. The ground's
-resistance to each wheel's motion over it is what eqs 15 and 16 lack most on real ground."""
+resistance to each wheel's motion over it is what eqs 15 and 16 lack most on real ground. How late poses are beside
+rotations the model tells where the streams by themselves do not: wheels recorded at 1 to 3 Hz, windows of 2 s."""
 _SIDES_SPREAD = 0.03
 """Standard deviation of the prior of the sides' difference of radius, which is of 0,"""
 _ARM_SPREAD = 0.25
@@ -40,6 +42,8 @@ _ANGLE_SPREAD = 0.05
 """and of the angle at which a tracked body is mounted, rad."""
 _RESISTED = Prior(0.2, 0.2)
 """Prior of the resistance, a share of the friction force: 0.01 to 0.2 were found on real ground."""
+_LATE = Prior(0.1, 0.1)
+"""Prior of a pose's delay, s: a localisation takes as long."""
 _BEFOREHAND = ("assumed", "inferred", "datasheet", "stated")
 """Sources of numbers that no recording was asked for yet."""
 _WIDEST = 5.0
@@ -103,7 +107,7 @@ def _usual_priors(robot: Robot) -> dict[str, Prior]:
     arm = _ARM_SPREAD * robot.front.i_y
     spreads = (_SIDES_SPREAD, arm, arm, _ANGLE_SPREAD)
     found = {name: Prior(0.0, spread) for name, spread in zip(GROUPS["geometry"][1:], spreads, strict=True)}
-    return found | dict.fromkeys(GROUPS["resistance"], _RESISTED)
+    return found | dict.fromkeys(GROUPS["resistance"], _RESISTED) | dict.fromkeys(GROUPS["timing"], _LATE)
 
 
 def _has(robot: Robot, name: str) -> bool:

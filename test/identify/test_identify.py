@@ -232,6 +232,11 @@ def test_what_is_known_of_geometry_goes_before_what_its_group_takes_for_granted(
     assert {one.key: one.prior for one in parameter_set(known, ["geometry"]).parameters}[arm].value == 0.2
 
 
+def test_poses_may_be_late_without_a_prior_of_ones_own() -> None:
+    (one,) = parameter_set(load_robot("husky"), ["timing"]).parameters
+    assert one.key == "effects.pose_delay.delay" and one.prior.value > 0.0 and one.high > 0.5
+
+
 def test_the_ground_may_resist_wheels_without_a_prior_of_ones_own() -> None:
     husky, name = load_robot("husky"), "effects.wheel_resistance.share"
     (one,) = parameter_set(husky, ["resistance"]).parameters

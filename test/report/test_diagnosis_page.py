@@ -371,8 +371,9 @@ def with_law(found: Diagnosis) -> Diagnosis:
     parameters = {name: EffectEstimate(value) for name, value in law.items()}
     parameters |= {"size": EffectEstimate(14.0, "SI", (13.0, 15.0)), "phase": EffectEstimate(0.4, "rad", (0.3, 0.5))}
     what = replace(
-        found.unexplained, laws={"force_law": parameters}, log10_bayes_factor=120.0, spans={"force_law": (0.0, 2.2)}
-    )
+        found.unexplained, laws={"force_law": parameters}, log10_bayes_factor=120.0, spans={"force_law": (0.0, 2.2)},
+        residuals={"force_law": ((0.2, 0.5, 0.4), (0.9, -1.5, 0.6))},
+    )  # fmt: skip
     return replace(found, unexplained=what, extended=replace(found.robot, effects={"force_law": law}))
 
 
@@ -387,7 +388,9 @@ def test_a_law_stands_on_the_page_as_a_formula_and_a_curve_with_what_it_gains(ev
     assert "With it" not in result.headline(plain)
     curve = law_curve(found.unexplained, "force_law")
     assert curve is not None
-    (line,) = curve.lines
+    bars, asked, line = curve.lines
+    np.testing.assert_allclose(asked.y, 14.0 * np.cos(2.0 * np.pi * asked.x / 1.1 + 0.4) + [0.5, -1.5], atol=1e-9)
+    np.testing.assert_allclose(bars.y[1::3] - bars.y[::3], 2.0 * 1.96 * np.array([0.4, 0.6]), atol=1e-9)
     np.testing.assert_allclose(line.y, 14.0 * np.cos(2.0 * np.pi * line.x / 1.1 + 0.4), atol=1e-9)
     assert line.x[0] == 0.0 and line.x[-1] == 2.2
 

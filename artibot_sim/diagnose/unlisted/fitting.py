@@ -20,6 +20,7 @@ from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect, 
 from artibot_sim.diagnose.candidates.screening import around, expected, expected_point
 from artibot_sim.diagnose.policy import FORCE_NATS, TIE
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
+from artibot_sim.diagnose.unlisted.along_law import residual_forces
 from artibot_sim.diagnose.unlisted.finding import (
     ForceFinding,
     Shortlisted,
@@ -72,6 +73,8 @@ class FittedLaws:
         What they gain together over the model without.
     spans : mapping of str to (float, float)
         Between which values each law's variable mostly was.
+    residuals : mapping of str to array
+        What short windows ask for beside each law along its variable, see `residual_forces`.
     force : ForceFinding
         The finding, with the laws' forces chosen; with its own where that is no term of the model and is still missing.
     """
@@ -80,6 +83,7 @@ class FittedLaws:
     fit: Fit
     nats: float
     spans: Mapping[str, tuple[float, float]]
+    residuals: Mapping[str, Array]
     force: ForceFinding
 
 
@@ -150,8 +154,8 @@ def extension_of(name: str, law: dict[str, Any], size: Array, reach: float = 0.0
     return Extension(name, {key: value for key, value in fixed.items() if key not in own}, own=search)
 
 
-def _as_found(size: Array) -> dict[str, float]:
-    """Size and phase of a law from what the regression says: the size, or its cosine and sine."""
+def as_found(size: Array) -> dict[str, float]:
+    """Size and phase of a law from what the regression says: the size (1,), or its cosine and sine (2,)."""
     if len(size) == 2:
         return {"size": float(np.hypot(*size)), "phase": float(np.arctan2(size[1], size[0]))}
     return {"size": float(size[0])}
@@ -200,11 +204,15 @@ def fitted_laws(
     larger, last_fit = _needed(now[0], converge(now[0], now[1].point, fit.loss, _MANY))
     kept = {law.id: spans[law.id] for law in larger.parameters.extensions if law.id in spans}
     stayed = [one for one, name in zip(chosen, spans, strict=True) if name in kept]
+    residuals = {
+        name: residual_forces(larger, last_fit.point.coordinates, name, one.candidate)
+        for name, one in zip(kept, stayed, strict=True)
+    }
     modules = len(problem.parameters.robot.modules)
     no_term = bool(found.chosen) and law_of(found.chosen[0], modules) is None
     if not (no_term and leaves_more_than_noise(remains(larger, last_fit.point))):
         found = found.instead(stayed)
-    return FittedLaws(larger, last_fit, 0.5 * (fit.point.cost - last_fit.point.cost), kept, found)
+    return FittedLaws(larger, last_fit, 0.5 * (fit.point.cost - last_fit.point.cost), kept, residuals, found)
 
 
 @dataclass(frozen=True)
@@ -325,7 +333,7 @@ def _begun(part: Problem, loss: Loss, name: str, found: Shortlisted, starts: Arr
     if extension is None:
         return None
     law, size = law_of(found.candidate, modules) or ({}, np.empty(0))
-    larger, own = with_effect(part, extension), extension.coordinates(law | _as_found(size))
+    larger, own = with_effect(part, extension), extension.coordinates(law | as_found(size))
     return _Law(found, extension, larger, evaluate(larger, loss, [np.concatenate([found.soil, own])], starts)[0])
 
 

@@ -304,7 +304,7 @@ def solve(matrix: Array, rhs: Array) -> Array:
 def judge(equations: Equations, sums: NormalEquations, form: Form, force: str, parts: Sequence[str]) -> ForceCandidate:
     """A candidate from its normal equations: what it gains over what is fitted beside alone."""
     beside, b = equations.among, sums.rhs.shape[1]
-    matrix, rhs = _joined(sums.matrix.sum(axis=0), sums.cross.sum(axis=0), sums.rhs.sum(axis=0), *beside.whole)
+    matrix, rhs = joined(sums.matrix.sum(axis=0), sums.cross.sum(axis=0), sums.rhs.sum(axis=0), *beside.whole)
     x = solve(matrix, rhs)
     change = x[b : b + len(equations.slope)]
     return ForceCandidate(force, tuple(parts), form, 0.5 * (float(rhs @ x) - beside.gain), np.nan, x[:b], change)
@@ -316,14 +316,14 @@ def proven(equations: Equations, sums: NormalEquations, across: bool) -> float:
     if len(folds) < 2:
         return 0.0
     own, cross, rhs = (folds.without(values) for values in (sums.matrix, sums.cross, sums.rhs))
-    x = solve(*_joined(own, cross, rhs, folds.matrix, folds.rhs))[folds.of]
+    x = solve(*joined(own, cross, rhs, folds.matrix, folds.rhs))[folds.of]
     mine, others = x[:, :b], x[:, b:]
     joint = ((mine[:, None, :] @ sums.cross)[:, 0] * others).sum(axis=1)
     with_it = _explained(sums.matrix, sums.rhs, mine) + _explained(beside.matrix, beside.rhs, others) - joint
     return float(np.clip(with_it - folds.alone, -FORCE_WINDOW, FORCE_WINDOW).sum())
 
 
-def _joined(own: Array, cross: Array, rhs: Array, beside: Array, beside_rhs: Array) -> tuple[Array, Array]:
+def joined(own: Array, cross: Array, rhs: Array, beside: Array, beside_rhs: Array) -> tuple[Array, Array]:
     """Normal equations of columns (…, b, b) and (…, b) together with those beside, (…, q, q) and (…, q)."""
     b, whole = rhs.shape[-1], np.concatenate([rhs, beside_rhs], axis=-1)
     matrix = np.empty((*whole.shape, whole.shape[-1]))

@@ -30,6 +30,11 @@ MEASURED = Stroke("#aab6c2", 5.0)
 BEFORE = Stroke(style.ODOMETRIC, 1.6, "dash")
 AFTER = Stroke(style.TRUE, 1.6)
 NOISE = Stroke(style.MUTED, 1.2, "dot")
+ASKED = Stroke(style.MUTED, 5.0, "points")
+"""What recordings ask for where a law acts,"""
+ASKED_BAR = Stroke(style.MUTED, 1.0)
+"""and its interval."""
+_SURE = 1.96
 NAMES = ("measured", "paper's model", "extended model")
 _BREAK = np.full((1, 3), np.nan)
 _IN_MM = 0.01
@@ -313,15 +318,27 @@ def law_curve(what: Unexplained, name: str) -> Panel | None:
     variable, where = str(values["variable"]), str(values["where"])
     if variable == "nothing" or name not in what.spans:
         return None
-    over = np.linspace(*what.spans[name], _POINTS)
     number = {key: PARAMETERS[key].number(value) for key, value in values.items()}
     law = plain(shape)
-    force = [
-        number["size"] * law(number["form"], u / number["scale"], number["exponent"], number["phase"]) for u in over
-    ]
+
+    def force(over: Floats) -> Floats:
+        each = [law(number["form"], u / number["scale"], number["exponent"], number["phase"]) for u in over]
+        return number["size"] * np.array(each)
+
+    over = np.linspace(*what.spans[name], _POINTS)
     words, unit = variable_words(variable)
-    line = Line("the law", "true", None, over, np.array(force), AFTER)
-    return Panel(f"law_{name}", place_words(where), (words, spaced(unit)), ("force", spaced(unit_of(where))), (line,))
+    lines = [Line("the law", "true", None, over, force(over), AFTER)]
+    rows = np.array(what.residuals.get(name, ())).reshape(-1, 3)
+    if len(rows):
+        asked, sd = force(rows[:, 0]) + rows[:, 1], _SURE * rows[:, 2]
+        bars = np.column_stack([asked - sd, asked + sd, np.full(len(rows), np.nan)]).ravel()
+        lines = [
+            Line("95 % of what recordings ask for", "measured", None, np.repeat(rows[:, 0], 3), bars, ASKED_BAR),
+            Line("the law and the residual forces", "measured", None, rows[:, 0], asked, ASKED), *lines,
+        ]  # fmt: skip
+    return Panel(
+        f"law_{name}", place_words(where), (words, spaced(unit)), ("force", spaced(unit_of(where))), tuple(lines)
+    )
 
 
 def _role(effect: str, named: set[str], tied: set[str]) -> str:

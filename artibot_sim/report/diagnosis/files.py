@@ -267,7 +267,8 @@ def _pair(values: Any) -> tuple[Any, ...]:
 def _unexplained(entry: Mapping[str, Any]) -> Unexplained:
     laws = {name: _parameters(law) for name, law in entry.get("laws", {}).items()}
     spans = {name: _pair(span) for name, span in entry.get("spans", {}).items()}
-    return Unexplained(**_floats(entry) | {"laws": laws, "spans": spans})
+    residuals = {name: tuple(map(_pair, rows)) for name, rows in entry.get("residuals", {}).items()}
+    return Unexplained(**_floats(entry) | {"laws": laws, "spans": spans, "residuals": residuals})
 
 
 def _parameters(entries: Mapping[str, Any]) -> dict[str, EffectEstimate]:

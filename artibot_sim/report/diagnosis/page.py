@@ -502,6 +502,11 @@ def _why(page: _Page) -> Part:
         parts.append(unexplained(found.unexplained))
         curves = [charts.law_curve(found.unexplained, name) for name in found.unexplained.laws]
         parts.append(page.row([page.place(curve, legend=False) for curve in curves if curve is not None]))
+        if found.unexplained.residuals:
+            parts.append(paragraph(
+                "The line is the law. Dots are what the recordings ask for there, whatever its form: the law and the "
+                "forces that it leaves over, with 95 % intervals."
+            ))  # fmt: skip
     parts.append(folded(f"All {len(found.ranking)} effects", ranking(found)))
     return section("Why", *parts)
 

@@ -10,10 +10,12 @@ import pytest
 from diagnose.hidden import UNLISTED, Case, case
 from diagnose.hidden.unlisted import ACTS_ON
 
+from artibot_sim.diagnose.candidates.hypotheses import with_effect
 from artibot_sim.diagnose.policy import FORCE_NATS
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
+from artibot_sim.diagnose.unlisted.along_law import residual_forces
 from artibot_sim.diagnose.unlisted.finding import ForceFinding, search_forces, unexplained_of
-from artibot_sim.diagnose.unlisted.fitting import fitted_laws
+from artibot_sim.diagnose.unlisted.fitting import as_found, extension_of, fitted_laws, law_of
 from artibot_sim.diagnose.unlisted.variables import through_gear
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import SOIL
@@ -81,6 +83,26 @@ def test_the_period_of_ridges_is_found():
     wave = np.array(found.chosen[0].form.wave)
     period = truth.truth.unlisted["ridges"]["period"]
     assert 2 * np.pi / np.hypot(*wave) == pytest.approx(period, rel=0.02)
+
+
+def test_what_a_law_lacks_stands_beside_it():
+    """Residual forces along the law's variable: what is missing of a law that is half as large, little of the whole."""
+    _, found = seen("ridges")
+    _, problem, soil = hidden("ridges")
+    first = found.chosen[0]
+    law, size = law_of(first)
+    extension = extension_of("force_law", law, size)
+    larger = with_effect(problem, extension)
+    left = {}
+    for share in (0.5, 1.0):
+        point = np.concatenate([soil, extension.coordinates(law | as_found(share * size))])
+        rows = residual_forces(larger, point, "force_law", first)
+        values = larger.parameters.robot_at(point).effects["force_law"]
+        force = values["size"] * np.cos(2.0 * np.pi * rows[:, 0] / values["scale"] + values["phase"])
+        assert (np.diff(rows[:, 0]) > 0.0).all() and 0.0 <= rows[0, 0] < rows[-1, 0] <= values["scale"]
+        left[share] = float(rows[:, 1] @ force / (force @ force))
+        assert np.median(rows[:, 2]) < 0.3 * abs(values["size"])
+    assert left[0.5] == pytest.approx(1.0, abs=0.3) and abs(left[1.0]) < 0.2
 
 
 @pytest.mark.long
