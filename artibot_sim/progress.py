@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any
 
@@ -28,6 +29,16 @@ _LEAST = 0.02
 
 compiling: list[Callable[[bool], None]] = []
 """Called with True when compilation of a loop of the model begins, with False when it is over; empty in a library."""
+
+
+@contextmanager
+def told_of_compiling(listener: Callable[[bool], None]) -> Iterator[None]:
+    """Within, a function is called as those in `compiling`."""
+    compiling.append(listener)
+    try:
+        yield
+    finally:
+        compiling.remove(listener)
 
 
 class CompilationNotice:
@@ -115,15 +126,11 @@ class Bar:
         self.show(begin)
         return lambda share: self.show(begin + size * min(max(share, 0.0), 1.0))
 
-    def stages(self, size: float) -> Callable[[float, str], None]:
-        """Begin the next part of the work, of this size, whose stages name themselves as they are reported."""
-        report = self.stage(self._what, size)
-
-        def show(share: float, what: str) -> None:
-            self._what = what
-            report(share)
-
-        return show
+    def stages(self, size: float) -> Callable[[float, str, str], None]:
+        """Begin the next part of the work, of this size, which names its stages and says what time is left."""
+        begin = sum(self._stage)
+        self.stage(self._what, size)
+        return lambda share, what, left: self.show(begin + size * share, what, left)
 
     def show(self, done: float, what: str | None = None, note: str | None = None) -> None:
         """Draw, if it is time to: how much is done, what is being done, and instead of the time left a note."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -29,10 +29,10 @@ from artibot_sim.diagnose.records import (
     Options,
     Unexplained,
 )
-from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noise
+from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noise, leaves_more_than_noise, remains
 from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.diagnose.selection.decision import Decision
-from artibot_sim.diagnose.selection.every_window import affordable, every_window
+from artibot_sim.diagnose.selection.every_window import EveryWindow, affordable, every_window
 from artibot_sim.diagnose.selection.evidence import DECADE
 from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.selection.stepwise import Naming
@@ -60,6 +60,7 @@ from artibot_sim.identify.run import best_fit
 from artibot_sim.identify.validation import PredictedRecording
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
+from artibot_sim.progress import told_of_compiling
 
 Result = TypeVar("Result")
 
@@ -94,14 +95,21 @@ def diagnose(
     options : Options, optional
         Horizon, seed, thresholds, time and the like.
     progress : callable
-        Called with the share that is done, as far as it is known, and with what is being done.
+        Called with the share that is done, as far as it is known, with what is being done, and with the time left.
 
     Raises
     ------
     ArtibotError
         For recordings that lack what is needed.
     """
-    ticks, options = Timetable(progress), options or Options()
+    ticks = Timetable(progress)
+    with told_of_compiling(ticks.compiling):
+        return _diagnosed(recordings, robot, holdout, options or Options(), ticks)
+
+
+def _diagnosed(
+    recordings: Sequence[Experiment], robot: Robot, holdout: Sequence[Experiment], options: Options, ticks: Timetable
+) -> Diagnosis:
     parts, seed = options.parts, options.seed
     _check([*recordings, *holdout], robot, options)
     named = distinctly_named(recordings, holdout)
@@ -119,6 +127,7 @@ def diagnose(
     problem, fit = parts.once(
         "soil identified", lambda: best_fit(every.problem.part(every.rows), Effort(), ticks, TRUST)
     )
+    ticks.leave_out(*_nothing_to_do(every, problem, fit))
     naming = Naming(problem, fit, options, ticks, view, every if every.times > 1.0 else None)
     decision = naming.decide()
     assessor = Assessor(robot, fitted, held, options, ticks, view)
@@ -140,6 +149,16 @@ def diagnose(
     )  # fmt: skip
     ticks.done()
     return replace(result, seconds=parts.elapsed)
+
+
+def _nothing_to_do(every: EveryWindow, problem: Problem, fit: Fit) -> Iterator[Task]:
+    """Stages of which it is known beforehand that there are none."""
+    if every.times <= 1.0:
+        yield Task.WINDOWS
+    if not leaves_more_than_noise(remains(problem, fit.point)):
+        yield Task.FORCES
+    if not can_grow():
+        yield Task.EXPLAINABLE
 
 
 def _check(recordings: Sequence[Experiment], robot: Robot, options: Options) -> None:

@@ -95,7 +95,7 @@ def test_the_extended_robot_is_a_file(found: Diagnosis, tmp_path: Path) -> None:
 def test_order_workers_and_a_break_do_not_matter(drives: list[Experiment], found: Diagnosis, tmp_path: Path) -> None:
     """Broken off in the second search and called again, it takes what was finished and comes to the same end."""
 
-    def stop(_done: float, _what: str) -> None:
+    def stop(_done: float, _what: str, _left: str) -> None:
         if (tmp_path / "kept" / "005").exists():
             raise KeyboardInterrupt
 
