@@ -457,16 +457,25 @@ def _limits(experiment: Experiment) -> Iterator[str]:
 def _renames(experiment: Experiment | None, unread: Sequence[TopicView], options: str, path: Path) -> Iterator[str]:
     """Yield one line for each thing that may be there under another name, with what to type."""
     channels: Mapping[str, Channel] = experiment.channels if experiment else {}
+    named = {view.topic: one.key for view in unread for one in TOPICS if view.topic.endswith(one.name)}
+    likely: dict[str, str] = {}
     for key, types in _STAND_INS.items():
         if key in channels or (key == "total_station" and "ground_truth_odom" in channels):
             continue
         if key == "ground_truth_odom" and "total_station" in channels:
             continue
-        taken = [view.topic for view in unread if view.ros_type in types and not view.topic.endswith(_BELIEFS)]
+        taken = [
+            view.topic for view in unread if view.ros_type in types and not view.topic.endswith(_BELIEFS)
+            and named.get(view.topic, key) == key and view.topic not in likely
+        ]  # fmt: skip
+        taken.sort(key=lambda topic: topic not in named)
         if taken:
             wanted = BY_KEY[key].name
+            likely[taken[0]] = f"--topic {wanted}={taken[0]}"
             others = f" (or {', '.join(taken[1:])})" if len(taken) > 1 else ""
-            yield f"if {taken[0]}{others} is it: artibot inspect {path}{options} --topic {wanted}={taken[0]}"
+            yield f"if {taken[0]}{others} is it: artibot inspect {path}{options} {likely[taken[0]]}"
+    if len(likely) > 1:
+        yield f"if all are: artibot inspect {path}{options} {' '.join(likely.values())}"
     yield from _joint_names(channels, path)
     strange = [view for view in unread if view.ros_type not in READABLE and view.messages]
     wheels = [view.topic for view in strange if view.ros_type.startswith("std_msgs/msg/Float")]

@@ -193,8 +193,9 @@ def test_another_name_is_said_with_what_to_type(tmp_path: Path) -> None:
     path = bag(tmp_path / "run", {"pose": "/lidar/pose", "motors": "/wheels"})
     found = inspect_recording(path)
     assert not use(found, "identify")[0]
-    command = typed(found, "/lidar/pose") + typed(found, "--topic /motor_torques=/wheels")[2:]
-    assert main(command) == 0
+    command = typed(found, "if all are")
+    assert command.count("--topic") == 2 and main(command) == 0
+    assert sum("/wheels" in line for line in found.advice) == 2, "by itself and with all, not for commands as well"
     renames = {"/ground_truth/odom": "/lidar/pose", "/motor_torques": "/wheels"}
     again = inspect_recording(path, renames)
     assert use(again, "identify")[0]
