@@ -38,6 +38,7 @@ from artibot_sim.diagnose.words import (
     amount,
     cause_words,
     channel_words,
+    claim_words,
     degrees,
     differing,
     effect_words,
@@ -400,11 +401,20 @@ def _places(causes: Sequence[Cause]) -> str:
     return joined([*dict.fromkeys(known), "the robot file"])
 
 
+def _checks(causes: Sequence[Cause]) -> str:
+    """What to look at on the rover: what each cause claims of it, and where those act that claim nothing plain."""
+    claims = [claim for cause in causes if (claim := claim_words(cause))]
+    others = [cause for cause in causes if not claim_words(cause)]
+    said = [f"whether {'; whether '.join(claims)}"] if claims else []
+    if others:
+        said.append(f"{_places(others)} for {joined([effect_words(cause.effect) for cause in others])}")
+    return f"Check {'; and '.join(said)}"
+
+
 def next_step(found: Diagnosis) -> str:
     """What to do with the answer, in one line."""
     if found.verdict is Verdict.NAMED:
-        names = joined([effect_words(cause.effect) for cause in found.causes])
-        check = f"Check {_places(found.causes)} for {names}; until then {_predict_with(found, EXTENDED)}."
+        check = f"{_checks(found.causes)}. Until then {_predict_with(found, EXTENDED)}."
         advice = found.next_experiment.what if found.next_experiment is not None else ""
         return f"{check} {_circumference(found) or advice}".rstrip()
     if found.verdict is Verdict.NONE:

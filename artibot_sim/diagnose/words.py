@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from artibot_sim.diagnose.records import Candidate, Cause, ChannelBaseline, ChannelGain, EffectEstimate, Unexplained
 from artibot_sim.identify.result import number, spaced
+from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.force_law import formula, unit_of, variable_words
 
 CHANNEL_WORDS = {
@@ -69,6 +72,28 @@ def cause_words(cause: Cause) -> str:
     """An effect with its parameters."""
     said = ", ".join(parameter_words(name, found) for name, found in cause.parameters.items())
     return f"{effect_words(cause.effect)}: {said}" if said else effect_words(cause.effect)
+
+
+_NUMBER = re.compile(r"\{(\w+)(-1)?(?:\|([^|}]*)\|([^|}]*))?\}")
+"""A parameter in an effect's claim: its name, what it counts from, words for either sign."""
+
+
+def claim_words(cause: Cause) -> str:
+    """What a cause says of the rover, to be checked on it; empty for effects that make no such claim."""
+
+    def said(match: re.Match[str]) -> str:
+        name, from_one, positive, negative = match.groups()
+        found = cause.parameters[name]
+        if isinstance(found.value, str):
+            return effect_words(found.value)
+        value = found.value - 1.0 if from_one else found.value
+        size = abs(value) if positive else value
+        share = found.unit in ("", "-", "–")
+        words = f"{number(100.0 * size, 2)} %" if share else parameter_words("", replace(found, value=size), 2).strip()
+        return f"{words} {positive if value >= 0.0 else negative}" if positive else words
+
+    claim = EFFECTS[cause.effect].claim if cause.effect in EFFECTS else ""
+    return _NUMBER.sub(said, claim)
 
 
 def force_words(what: Unexplained) -> str:

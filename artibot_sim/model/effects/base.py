@@ -156,6 +156,9 @@ class Effect:
         Whether a rover does the same wherever it is and whichever way it heads.
     search : Search, optional
         How a diagnosis looks for it.
+    claim : str
+        What it says of a rover, to be checked on it: a clause with parameters in braces. ``{x|ahead of|behind}`` is the
+        size of x and the first words where it is positive, else the second; ``{scale-1|…|…}`` counts from 1.
     """
 
     id: str
@@ -172,6 +175,7 @@ class Effect:
     drives_front: bool = False
     uniform: bool = True
     search: Search | None = None
+    claim: str = ""
 
     def read(self, entries: Any, path: str) -> dict[str, float | str]:
         """Parameter values from a robot file's entry, checked; absent ones are neutral."""

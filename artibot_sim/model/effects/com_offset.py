@@ -19,6 +19,7 @@ EFFECT = Effect(
     acts="body",
     doc="The front module's centre of mass is off its origin: its wheels carry m g/4 (1 ± 2x/i_x)(1 ± 2y/i_y), its "
     "inertia couples, and J_z is about the centre of mass.",
+    claim="the front module's centre of mass is {x|ahead of|behind} its middle and {y|to the left|to the right} of it",
     parameters={
         "x": number("m", -1.0, 1.0, "forward of the origin"),
         "y": number("m", -1.0, 1.0, "left of the origin"),

@@ -23,6 +23,7 @@ EFFECT = Effect(
     id="command_delay",
     acts="command",
     doc="Front commands act this much later.",
+    claim="front commands act {delay} late",
     parameters={"delay": number("s", 0.0, 10.0, "time between command and motion")},
     command=_step,
     search=Search({"delay": 0.15}, views=("command",)),

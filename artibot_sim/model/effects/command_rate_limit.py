@@ -41,6 +41,7 @@ EFFECT = Effect(
     id="command_rate_limit",
     acts="command",
     doc="Front velocity commands change by at most so many rad/s², whatever is commanded.",
+    claim="a ramp of {rate} is set in the front drives",
     parameters={"rate": number("rad/s²", 0.0, math.inf, "largest acceleration of a motor", math.inf, low_open=True)},
     command=_step,
     search=Search({"rate": 0.3}, logarithmic=True, reference="acceleration", views=("command",)),

@@ -18,6 +18,7 @@ EFFECT = Effect(
     id="encoder_scale",
     acts="sensor",
     doc="Recorded motor positions and velocities are `scale` times the true ones.",
+    claim="rotations are recorded {scale-1|too large|too small}",
     parameters={"scale": number("-", 0.0, 10.0, "recorded over true rotation", 1.0, low_open=True)},
     sensor=_sensor,
     search=Search({"scale": 0.02}, ((-1.0,), (1.0,)), logarithmic=True, views=("rotation", "command")),

@@ -18,6 +18,7 @@ EFFECT = Effect(
     id="gyro_bias",
     acts="sensor",
     doc="Recorded yaw rates are off by a constant.",
+    claim="the gyroscope shows {bias|too much|too little} at rest",
     parameters={"bias": number("rad/s", -1.0, 1.0, "recorded less true yaw rate")},
     sensor=_sensor,
     search=Search({"bias": 0.01}, channels=("yaw_rate",)),

@@ -33,6 +33,7 @@ EFFECT = Effect(
     acts="environment",
     doc="A force of constant size against each module's forward motion: loose ground in front of the wheels, a crust, "
     "high grass. Wheels that hold make up for it with little slip, wheels that slide in a turn with much.",
+    claim="the ground holds each module back with {force}",
     parameters={"force": number("N", 0.0, math.inf, "against the forward motion of each module's origin")},
     adapt=_adapt,
     hooks={"resist": resist},

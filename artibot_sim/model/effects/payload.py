@@ -27,6 +27,7 @@ EFFECT = Effect(
     id="payload",
     acts="body",
     doc="An extra point mass at a module's origin, its weight on the module's wheels.",
+    claim="a load of {mass} is on the {module} module",
     parameters={
         "mass": number("kg", 0.0, math.inf, "of the load"),
         "module": choice(("front", "back"), "which module carries it"),

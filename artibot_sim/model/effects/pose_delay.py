@@ -18,6 +18,7 @@ EFFECT = Effect(
     id="pose_delay",
     acts="sensor",
     doc="Positions, and headings that come with them, are stamped this much late.",
+    claim="positions are stamped {delay} late",
     parameters={"delay": number("s", 0.0, 10.0, "stamp less time of measurement")},
     sensor=_sensor,
     search=Search({"delay": 0.12}, ((0.5,), (1.0,))),

@@ -18,6 +18,7 @@ EFFECT = Effect(
     id="pose_heading_offset",
     acts="sensor",
     doc="Headings that come with positions are off by a constant; going straight looks like going aside.",
+    claim="the tracked body is mounted {angle|to the left|to the right}",
     parameters={"angle": number("rad", -1.0, 1.0, "recorded less true heading")},
     sensor=_sensor,
     search=Search({"angle": 0.03}, channels=("pose",)),

@@ -18,6 +18,7 @@ EFFECT = Effect(
     id="pose_lever_arm",
     acts="sensor",
     doc="The point whose position is recorded sits at (x, y) in the front module, not in its origin.",
+    claim="the tracked point is {x|ahead of|behind} the robot's middle and {y|to the left|to the right} of it",
     parameters={
         "x": number("m", -10.0, 10.0, "forward of the origin"),
         "y": number("m", -10.0, 10.0, "left of the origin"),

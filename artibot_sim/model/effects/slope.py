@@ -26,6 +26,7 @@ EFFECT = Effect(
     id="slope",
     acts="environment",
     doc="Each module is pulled by m g sin(grade) towards `heading` in `map`.",
+    claim="the ground falls by {grade}",
     parameters={
         "grade": number("rad", -0.8, 0.8, "angle of the slope"),
         "heading": number("rad", -math.inf, math.inf, "direction downhill in map"),

@@ -37,6 +37,7 @@ EFFECT = Effect(
     id="speed_loop_lag",
     acts="command",
     doc="Front motor velocities follow their commands through a first-order lag.",
+    claim="the front drives follow their commands with a time constant of {time_constant}",
     parameters={"time_constant": number("s", 0.0, 100.0, "of the lag")},
     command=_step,
     search=Search({"time_constant": 0.25}, views=("command",)),

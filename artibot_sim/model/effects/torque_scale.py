@@ -18,6 +18,7 @@ EFFECT = Effect(
     id="torque_scale",
     acts="sensor",
     doc="Recorded motor torques are `scale` times the true ones.",
+    claim="torques are recorded {scale-1|too large|too small}",
     parameters={"scale": number("-", 0.0, 10.0, "recorded over true torque", 1.0, low_open=True)},
     sensor=_sensor,
     search=Search(

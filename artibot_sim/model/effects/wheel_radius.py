@@ -23,6 +23,7 @@ EFFECT = Effect(
     id="wheel_radius",
     acts="contact",
     doc="All wheels have `scale` times the radius r_w of the robot's file.",
+    claim="the loaded wheels' radius is {scale-1|larger|smaller} than the robot file's",
     parameters={"scale": number("-", 0.0, 10.0, "true radius over r_w", 1.0, low_open=True)},
     adapt=_adapt,
     search=Search({"scale": 0.02}, ((-1.0,), (1.0,)), logarithmic=True),

@@ -29,6 +29,7 @@ EFFECT = Effect(
     id="wheel_radius_mismatch",
     acts="contact",
     doc="Right wheels have radius r_w (1 + relative/2), left ones r_w (1 − relative/2).",
+    claim="right wheels are {relative|larger|smaller} than left ones, by tape or by tyre pressure",
     parameters={"relative": number("-", -0.5, 0.5, "right radius less left one, over their mean")},
     adapt=_adapt,
     search=Search({"relative": 0.02}, ((-1.0,), (1.0,))),

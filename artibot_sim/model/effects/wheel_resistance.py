@@ -42,6 +42,7 @@ EFFECT = Effect(
     acts="contact",
     doc="A force of `share` mu_s F_n on each wheel's centre against its motion over the ground, whatever the wheel "
     "turns: soil that is pushed and pressed down. It acts on the module beside the force of eq. 16, not on the motor.",
+    claim="the ground holds each wheel back with {share} of its friction force",
     parameters={"share": number("-", 0.0, 1.0, "of the friction force mu_s F_n")},
     adapt=_adapt,
     hooks={"wheel_resist": wheel_resist},

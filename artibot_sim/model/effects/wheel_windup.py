@@ -27,6 +27,7 @@ EFFECT = Effect(
     acts="contact",
     doc="F_l is eq. 16's times (1 + s sign(F_l))/2, with ds/dt = (slip − s |slip|)/way (Dahl's law): after a change of "
     "sign it grows from zero as 1 − exp(−slipped/way), and as much slip as `way` is lost.",
+    claim="tyres or drives have play: the force along a wheel turns round over {way} of slip",
     parameters={"way": number("m", 0.0, math.inf, "slip that a wheel loses when the force along it changes its sign")},
     adapt=_adapt,
     hooks={"windup": windup},

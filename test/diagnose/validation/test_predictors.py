@@ -106,10 +106,10 @@ def test_the_next_step_never_names_a_model_that_another_beats_clearly() -> None:
 def test_what_is_named_is_simulated_with_only_where_it_predicts_as_well() -> None:
     named = replace(case("slope", {"grade": 0.05, "heading": 1.9}), best=GIVEN)
     given, worse = predictor(GIVEN, 0.4, 0.2), predictor(EXTENDED, 0.6, 0.3)
-    assert next_step(replace(named, predictors=(given, worse))).endswith("until then simulate with best.yaml.")
+    assert next_step(replace(named, predictors=(given, worse))).endswith("Until then simulate with best.yaml.")
     good = predictor(EXTENDED, 0.3, 0.2)
     said = next_step(replace(named, predictors=(given, good), best=EXTENDED))
-    assert said.endswith("until then simulate with extended.yaml.")
+    assert said.endswith("Until then simulate with extended.yaml.")
     rolling = predictor("ideal kinematics", 0.1, 0.1, None)
     assert "predict with ideal kinematics" in next_step(
         replace(named, predictors=(given, good, rolling), best=EXTENDED)
