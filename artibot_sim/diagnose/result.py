@@ -462,11 +462,18 @@ def gain_words(found: Diagnosis) -> str:
             f"instead of {amount(gain.before, gain.unit)}."
         )
     base = found.baseline[channel]
-    whose = "Its" if found.verdict is Verdict.NONE else "The paper's model's"
+    whose = "its" if found.verdict is Verdict.NONE else "the paper's model's"
     return (
-        f"{whose} {ahead} miss the {words} by {amount(base.rmse, base.unit)}; the sensor's noise is "
-        f"{amount(base.noise, base.unit)}."
+        f"Over all recordings {whose} {ahead} miss the {words} by {amount(base.rmse, base.unit)}; "
+        f"the sensor's noise is {amount(base.noise, base.unit)}{_where_it_jumps(base)}."
     )
+
+
+def _where_it_jumps(base: ChannelBaseline) -> str:
+    """That an error above the sensor's noise is none where each sample's own noise is asked; else empty."""
+    if not base.over_noise <= 1.0 < base.rmse / max(base.noise, 1e-300):
+        return ""
+    return ", more where what is measured jumps: in all the error is no more than noise"
 
 
 def explainable_words(found: Diagnosis) -> str:

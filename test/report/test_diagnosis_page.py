@@ -150,6 +150,8 @@ def test_what_is_on_no_list_is_told_where_it_shows(every: dict[Verdict, Diagnosi
     lost = replace(still, baseline={"position": ChannelBaseline("m", 0.2, 0.004, 0.5), "torque_back": torque})
     assert "miss the position by 20 cm" in result.headline(lost)
     assert "miss the position by 6.0 mm" in result.headline(replace(still, verdict=Verdict.NONE))
+    jumps = replace(still, baseline={"position": ChannelBaseline("m", 0.006, 0.004, 0.006, 0.9)}, verdict=Verdict.NONE)
+    assert result.headline(jumps).endswith("in all the error is no more than noise.")
 
 
 def test_effects_beyond_the_dotted_line_have_their_reason_on_the_first_screen(every: dict[Verdict, Diagnosis]) -> None:
