@@ -14,7 +14,8 @@ class Task(Enum):
     """What a stage does, in the order in which stages are done, and how long it takes beside the others.
 
     The first duration is s on two cores, between a Husky's 201 windows of 2 s and 2 × 45 s of Agri.q, where effects are
-    named. The second one is where none is: beside a search of 20 s again (Table 6, 29 s of Agri.q).
+    named. The second one is where none is: beside a search of 20 s again (Table 6, 29 s of Agri.q). Each effect but the
+    last is left out once: that takes 7 s, with fits of all windows after it (`husky_deflated`, seven effects).
     """
 
     CLOCKS = "putting streams on one clock", 2.0, 2.0
@@ -22,7 +23,7 @@ class Task(Enum):
     SOIL = "identifying the soil", 3.0, 3.0
     SEARCH = "looking for effects", 20.0, 20.0
     WINDOWS = "asking all windows", 8.0, 8.0
-    LEAVING_OUT = "leaving out each effect", 2.0, 0.5
+    LEAVING_OUT = "leaving out each effect", 7.0, 0.5
     FORCES = "looking for forces on no list", 13.0, 13.0
     INTERVALS = "how sure sizes are", 10.0, 1.5
     PREDICTIONS = "predicting all recordings", 7.0, 2.0
@@ -61,8 +62,8 @@ class Timetable:
     def __init__(self, report: StageReport | None = None, clock: Callable[[], float] = time.monotonic) -> None:
         self._report = report or (lambda _share, _what, _left: None)
         self._clock, self._stages = clock, [*_ORDER]
-        self._task, self._doing, self._names = Task.CLOCKS, Task.CLOCKS.doing, False
-        self._before, self._parts, self._reported = 0.0, 0, 0.0
+        self._task, self._doing, self._named = Task.CLOCKS, Task.CLOCKS.doing, 0
+        self._before, self._parts, self._expected, self._reported = 0.0, 0, _PARTS, 0.0
         self._begun, self._compiled, self._compiling_since = clock(), 0.0, 0.0
         self._searches: list[tuple[float, int]] = []  # s and parts of those that are over
 
@@ -70,18 +71,27 @@ class Timetable:
         """There are no such stages: nothing for them to do, or no library to do it with."""
         self._stages = [one for one in self._stages if one not in tasks]
 
-    def begin(self, task: Task, beside: str = "") -> None:
+    def begin(self, task: Task, beside: str = "", *, named: int | None = None, parts: int | None = None) -> None:
         """A stage begins, and the one before it is done; `beside` says what it is about.
 
         A stage that is under way goes on where it is only named again.
+
+        Parameters
+        ----------
+        named : int, optional
+            How many effects are named by now; as many as before unless given.
+        parts : int, optional
+            How many the stage has, where that is known.
         """
+        self._named = self._named if named is None else named
         doing = f"{task.doing} {beside}".rstrip()
         if doing != self._doing:
             if self._task is Task.SEARCH:
                 self._searches.append((self._spent, self._parts))
             self._before += self._task.duration
             self._task, self._doing, self._parts = task, doing, 0
-            self._names = self._names or (task is Task.SEARCH and bool(beside))
+            self._expected = self._searches[-1][1] if task is Task.SEARCH and self._searches else _PARTS
+            self._expected = self._expected if parts is None else parts
             self._begun, self._compiled = self._clock(), 0.0
         self._report_share()
 
@@ -134,7 +144,8 @@ class Timetable:
 
     def _durations(self, task: Task) -> float:
         """How long a stage takes beside a search."""
-        return (task.duration if self._names else task.unnamed) / Task.SEARCH.duration
+        times = max(self._named - 1, 0) if task is Task.LEAVING_OUT else 1
+        return (times * task.duration if self._named else task.unnamed) / Task.SEARCH.duration
 
     @property
     def _spent(self) -> float:
@@ -144,8 +155,7 @@ class Timetable:
     @property
     def _part(self) -> float:
         """Share of the stage that is done."""
-        expected = self._searches[-1][1] if self._searches and self._task is Task.SEARCH else _PARTS
-        return min(self._parts / max(expected, 1), 0.9)
+        return min(self._parts / max(self._expected, 1), 0.9)
 
     @property
     def _searching(self) -> bool:
@@ -167,7 +177,8 @@ class Timetable:
         said, left, search = f"{self._reported:.0%}", self.left, self._search_takes
         if left is None or search is None:
             return said
-        one_more = search * (1.0 + (self._durations(Task.WINDOWS) if Task.WINDOWS in self._stages else 0.0))
+        beside = [one.duration for one in (Task.WINDOWS, Task.LEAVING_OUT) if one in self._stages]
+        one_more = search * (1.0 + sum(beside) / Task.SEARCH.duration)
         more = f", {_minutes(one_more)} more for each effect found" if self._searching else ""
         return f"{said}, {_minutes(left)} left{more}"
 

@@ -63,8 +63,11 @@ def test_the_time_left_follows_from_what_searches_take_here(pace: float) -> None
             later = (Task.LEAVING_OUT, Task.FORCES, Task.INTERVALS, Task.PREDICTIONS, Task.MODELS, Task.ERRORS)
             assert table.left == pytest.approx(search + pace * sum(task.unnamed for task in later))
             assert "left" in told[-1] and "more for each effect found" in told[-1]
-    table.begin(Task.SEARCH, "beside slope")
+    table.begin(Task.SEARCH, "beside slope, gear drag", named=3)
     now += pace * Task.SEARCH.duration
+    table.begin(Task.LEAVING_OUT, parts=2)
+    rest = (Task.LEAVING_OUT, Task.LEAVING_OUT, Task.FORCES, Task.INTERVALS, Task.PREDICTIONS, Task.MODELS, Task.ERRORS)
+    assert table.left == pytest.approx(pace * sum(task.duration for task in rest))
     table.begin(Task.INTERVALS)
     rest = (Task.INTERVALS, Task.PREDICTIONS, Task.MODELS, Task.ERRORS)
     assert table.left == pytest.approx(pace * sum(task.duration for task in rest))

@@ -24,7 +24,7 @@ from artibot_sim.diagnose.timetable import Task, Timetable
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import TimeIsUp, side_by_side, until
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Effort, Fit, converge, search
+from artibot_sim.estimation.search import Effort, Fit, Tick, converge, search
 from artibot_sim.estimation.solver import Point, evaluate, reassessed
 from artibot_sim.model.effects import EFFECTS
 
@@ -58,13 +58,15 @@ class Removal:
     nats: float
 
 
-def superfluous(problem: Problem, fit: Fit, loss: Loss, least: float, rounds: Rounds) -> Removal | None:
+def superfluous(
+    problem: Problem, fit: Fit, loss: Loss, least: float, rounds: Rounds, tick: Tick = lambda: None
+) -> Removal | None:
     """The model without the effect that it needs least, if that is worth less than `least` nats; None if all are.
 
     Of the last one this is not asked: it was found beside all the others.
     """
     earlier = range(len(problem.parameters.extensions) - 1)
-    removals = side_by_side(lambda which: removal_of(problem, fit, loss, which, rounds), earlier, problem.workers)
+    removals = side_by_side(lambda which: removal_of(problem, fit, loss, which, rounds), earlier, problem.workers, tick)
     found = min(removals, key=lambda one: one.nats, default=None)
     return found if found is not None and found.nats < least else None
 
@@ -212,7 +214,7 @@ class Naming:
 
     def _search_stage(self, problem: Problem, fit: Fit, loss: Loss) -> SearchStage:
         begun = time.perf_counter()
-        self._ticks.begin(Task.SEARCH, _search_name(self._names))
+        self._ticks.begin(Task.SEARCH, _search_name(self._names), named=len(self._fitted()))
         of, soils = self._soils
         beside = [soil for soil in soils if self._rounds.differ(problem, fit, soil)] if of is problem else ()
         asked = [name for name, one in self._from_commands.items() if one.nats >= self._options.least]
@@ -360,7 +362,7 @@ class Naming:
         if not leaves_more_than_noise(remains(self._problem, self._fit.point)):
             return
         problem, fit, loss = self._problem, self._fit, self._found.loss
-        self._ticks.begin(Task.SEARCH, _search_name(self._names))
+        self._ticks.begin(Task.SEARCH, _search_name(self._names), named=len(self._fitted()))
         key = f"{_SOIL} {_search_name(self._names)}"
         found = self._time.within(_SOIL, lambda: self._options.parts.once(
             key, lambda: fits_from_two_soils(problem, fit.point, loss, self._rounds)
@@ -383,7 +385,7 @@ class Naming:
         fitted = self._fitted()
         if self._time.stopped or (len(fitted) > 1 and self._time.lacks(_LEAVING_OUT)):
             return False
-        self._ticks.begin(Task.LEAVING_OUT)
+        self._ticks.begin(Task.LEAVING_OUT, parts=len(fitted) - 1)
         spare = self._time.within(_LEAVING_OUT, lambda: self._options.parts.once(_LEAVING_OUT, self._unneeded))
         if spare is None:
             return False
@@ -418,7 +420,7 @@ class Naming:
             if self._stated(one) < options.least + options.thresholds.more(one.effect):
                 return removal_of(self._problem, self._fit, loss, which, self._rounds)
         every = self._every.times if self._every is not None else 1.0
-        return superfluous(self._problem, self._fit, loss, options.least / every, self._rounds)
+        return superfluous(self._problem, self._fit, loss, options.least / every, self._rounds, self._ticks)
 
     def _stated(self, one: Named) -> float:
         """Nats of a fitted effect from both views, beside what only commands show: that may have been named later."""
