@@ -99,7 +99,7 @@ class Outputs:
 @click.option(
     "--seed", default=0, show_default=True, help="Of all random draws; the same data and seed, the same result."
 )
-@click.option("--starts", type=click.IntRange(1), help="Places that the search starts from [3].")
+@click.option("--starts", type=click.IntRange(1), help="Places that the search starts from [32].")
 @click.option("--scheduler", metavar="tcp://HOST:PORT", help="Search from each on a worker of this Dask cluster.")
 @click.option("--workers", type=click.IntRange(1), help="Threads [as many as cores]; the result is the same.")
 @gathered(GivenRecordings, "given")

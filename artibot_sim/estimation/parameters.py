@@ -299,14 +299,17 @@ class ParameterSet:
         own = [parameter.spread for parameter in self.parameters]
         return np.array(own + [SPREAD] * (len(self) - len(own)))
 
-    @cached_property
-    def steps(self) -> Array:
-        """Changes of the coordinates for finite differences, shape (p,).
+    def steps(self, coordinates: Array) -> Array:
+        """Changes of the coordinates (p,) for finite differences, shape (p,): back from an upper bound.
 
         mu_d steps downwards, for it may stand at mu_s, over which it cannot go.
         """
-        own = [-PARAMETER_STEP if parameter.key == MU_D else PARAMETER_STEP for parameter in self.parameters]
-        return np.array(own + [PARAMETER_STEP] * (len(self) - len(own)))
+        steps = np.full(len(self), PARAMETER_STEP)
+        logarithms = self.mixing[: len(self.parameters)] @ coordinates + PARAMETER_STEP
+        for i, (parameter, moved) in enumerate(zip(self.parameters, logarithms.tolist(), strict=True)):
+            if parameter.key == MU_D or parameter.at(moved) > parameter.high:
+                steps[i] = -PARAMETER_STEP
+        return steps
 
     @cached_property
     def longest(self) -> Array:

@@ -432,10 +432,10 @@ class Problem:
 
     def linearised(self, coordinates: Array, starts: Array, free: Sequence[int]) -> tuple[Parts, Sensitivity]:
         """Residuals and their sensitivities to the parameters numbered `free` and to the starts."""
-        robots = [self.parameters.candidate(coordinates)]
+        robots, differences = [self.parameters.candidate(coordinates)], self.parameters.steps(coordinates)
         for i in free:
             moved = coordinates.copy()
-            moved[i] += self.parameters.steps[i]
+            moved[i] += differences[i]
             robots.append(self.parameters.candidate(moved))
         count, p, moves = len(self.windows), len(free), start_steps(self.size)
         whole = range(_RIGID, self.size) if self.parameters.uniform else range(self.size)
@@ -450,7 +450,7 @@ class Problem:
         if self.parameters.uniform:
             table[p : p + _RIGID] = rigid(self.samples, flat[0], starts)
         self.compare(flat)
-        steps = np.concatenate([self.parameters.steps[list(free)], moves[list(whole)]])
+        steps = np.concatenate([differences[list(free)], moves[list(whole)]])
         rows = [*range(p), *(p + column for column in whole)]
         table[rows] = (flat[1:] - flat[0]) / steps[:, None]
         clip(self.samples, table)

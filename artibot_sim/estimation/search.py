@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats.qmc import LatinHypercube
 
 from artibot_sim.estimation.loss import Loss, spread, thinning
 from artibot_sim.estimation.parallel import side_by_side
@@ -37,10 +38,16 @@ _BETWEEN = 2
 """and how often those on both sides of the best one are tried."""
 _WIDE = (1, 3, 5, 8, 10, 12)
 """Places in SCAN, by which a wide look begins."""
-_DRAWS = 0.6
-"""Further starts are drawn with this share of the prior's width,"""
+_CONTINUED = 3
+"""Starts from which continuation begins: the robot file's values,"""
 _OTHER_STIFFNESS = 1.5
-"""on ground that is by so many of its widths softer or stiffer."""
+"""and ground that is by so many of the prior's widths softer or stiffer."""
+_DRAWS, _STIFFNESS_DRAWS = 2.0, 3.0
+"""Further ones are drawn within so many of the soil's prior widths, and of its stiffness's."""
+_SCREENED = 100.0
+"""s of windows at most, evenly from all, by which starts are told apart,"""
+_EACH = 3
+"""and steps from each before half of them are left."""
 _START_SPREAD = np.array([0.1, 0.1, 0.3, 0.7, 0.7, 0.7, 0.3, 1.0])
 """Sizes of random changes of a start, in its prior deviations: what a window's own samples leave open."""
 _DRAWN = np.array([0.1, 0.1, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0])
@@ -69,18 +76,23 @@ class Effort:
     Attributes
     ----------
     starts : int
-        The robot file's values and so many less one drawn from the prior.
+        The robot file's values, softer and stiffer ground, and so many less three drawn around them.
     first, finalists, last : int
-        Steps at most from every start, how many different ends of these go on, and steps at most for those.
+        Steps at most to an end without a jump, how many different ones go on, and steps at most for those.
     scheduler : str, optional
-        Address of a Dask scheduler whose workers search from one start each; the result is the same.
+        Address of a Dask scheduler whose workers follow continuation from one start each; the result is the same.
     """
 
-    starts: int = 3
+    starts: int = 32
     first: int = 25
     finalists: int = 2
     last: int = 10
     scheduler: str | None = None
+
+    @property
+    def ticks(self) -> int:
+        """How many parts of the work a search says to be done, at most."""
+        return min(self.starts, _CONTINUED) + 2 * self.finalists
 
 
 @dataclass(frozen=True)
@@ -90,7 +102,7 @@ class SearchReport:
     Attributes
     ----------
     restarts : int
-        Starts: every guess twice, with the jump of eq. 16 as it is and with one that grows from none.
+        Starts.
     finalists : int
         Searches that were carried on to the end: those that came close to the best one.
     reached : float
@@ -157,8 +169,9 @@ def search(
 ) -> Fit:
     """The best fit from several starts, noise levels as they stand.
 
-    From every guess once by continuation in the jump of eq. 16 and once straight: on recordings of a real Husky the
-    first ends hundreds of nats lower, on simulated ones that are badly explained now one and now the other.
+    By continuation in the jump of eq. 16, from ground as the robot file has it, softer and stiffer: this ends lowest on
+    recordings of a real Husky. And by successive halving of many starts under the jump as it is, which ends lowest on
+    simulated ones that the model explains badly.
 
     Parameters
     ----------
@@ -174,40 +187,67 @@ def search(
     loss = loss or Loss(1.0, np.ones(len(CHANNEL_NAMES)))
     guesses = first_guesses(problem, effort, effects)
     first = partial(without_jump, problem, loss=loss, steps=effort.first)
-    ends = side_by_side(first, guesses, problem.workers, tick, effort.scheduler)
+    ends = side_by_side(first, guesses[:_CONTINUED], problem.workers, tick, effort.scheduler)
     ends.sort(key=lambda point: point.cost)
     near = [end for end in ends if end.cost <= _CLOSE * ends[0].cost]
     different = [end for k, end in enumerate(near) if k == 0 or end.cost > near[k - 1].cost + _SAME]
     last = partial(_opened, problem, loss, steps=effort.last)
     finals = side_by_side(last, different[: effort.finalists], problem.workers, tick)
     which = np.searchsorted([end.cost for end in different], [end.cost for end in near], side="right") - 1
-    straight = side_by_side(lambda guess: _straight(problem, loss, guess, effort.first), guesses, problem.workers, tick)
+    straight = _halved(problem, loss, guesses, effort, tick)
     reached = [*(finals[k].point.cost for k in which if k < len(finals)), *(fit.point.cost for fit in straight)]
     best, *rest = sorted([*finals, *straight], key=lambda fit: fit.point.cost)
     others = [fit.point for fit in rest if best.point.cost + _SAME < fit.point.cost <= _CLOSE * best.point.cost]
-    report = SearchReport.of(2 * len(guesses), reached)
+    report = SearchReport.of(len(guesses), reached)
     return replace(best, report=report, others=tuple(others[: effort.finalists - 1]))
 
 
-def _straight(problem: Problem, loss: Loss, guess: Array, steps: int) -> Fit:
-    """The best fit from a guess with its jump as it is."""
-    return converge(problem, evaluate(problem, loss, [guess], problem.starts)[0], loss, steps)
+def _halved(problem: Problem, loss: Loss, guesses: Sequence[Array], effort: Effort, tick: Tick) -> list[Fit]:
+    """Fits from guesses with their jump as it is, by successive halving (Jamieson and Talwalkar 2016).
+
+    After some steps on some of the windows the better half goes on, and in the end `effort.finalists` with all windows.
+    """
+    some = problem.part(evenly(problem, _SCREENED))
+    points = evaluate(some, loss, guesses, some.starts)
+    while len(points) > effort.finalists:
+        points = side_by_side(partial(_some_steps, some, loss), points, problem.workers)
+        points = sorted(points, key=lambda point: point.cost)[: max(effort.finalists, len(points) // 2)]
+    begun = evaluate(problem, loss, [point.coordinates for point in points], problem.starts)
+    return side_by_side(lambda point: converge(problem, point, loss, effort.first), begun, problem.workers, tick)
+
+
+def _some_steps(problem: Problem, loss: Loss, point: Point) -> Point:
+    """The point after a scan of mu_s and a few steps of all else."""
+    free, damping = free_parameters(problem), 1e-3
+    point = coarse_to_fine_scan(problem, loss, point)
+    for _ in range(_EACH):
+        point, _, damping = step(problem, loss, point, free, damping)
+    return point
+
+
+def evenly(problem: Problem, most: float) -> list[int]:
+    """Windows of `most` s at most, evenly from all."""
+    return list(range(0, len(problem), max(1, -int(-problem.durations.sum() // most))))
 
 
 def first_guesses(problem: Problem, effort: Effort, effects: Array | None = None) -> list[Array]:
-    """Coordinates to start from: the robot file's values, and softer and stiffer ground; effects as they are given.
+    """Coordinates to start from: the robot file's values, softer and stiffer ground, and other ones; the rest as given.
 
-    Grounds of very different stiffness explain a path nearly alike, and from one of them steps seldom lead to another.
+    Grounds of very different stiffness and friction explain a path nearly alike, and from one of them steps seldom lead
+    to another.
     """
     parameters = problem.parameters
-    count = len(parameters.parameters)
-    rng = problem.generator(Draw.FIRST_GUESSES)
-    drawn = rng.uniform(-_DRAWS, _DRAWS, (effort.starts - 1, count))
-    stiffness = [i for i, key in enumerate(parameters.keys) if key in STIFFNESS]
-    drawn[::2, stiffness] -= _OTHER_STIFFNESS
-    drawn[1::2, stiffness] += _OTHER_STIFFNESS
-    drawn *= parameters.spread[:count]
-    return [parameters.coordinates(parameters.at(d), effects) for d in (np.zeros(count), *drawn)]
+    own = parameters.keys[: len(parameters.parameters)]
+    draws = LatinHypercube(len(own), seed=problem.generator(Draw.FIRST_GUESSES))
+    drawn = 2.0 * draws.random(max(effort.starts - _CONTINUED, 0)) - 1.0
+    stiffness = [i for i, key in enumerate(own) if key in STIFFNESS]
+    drawn[:, stiffness[1:]] = drawn[:, stiffness[:1]]  # along and across wheels it is much the same
+    widths = np.array([_DRAWS * key.startswith("contact.") for key in own])
+    widths[stiffness] = _STIFFNESS_DRAWS
+    other = np.zeros((3, len(own)))
+    other[1, stiffness], other[2, stiffness] = -_OTHER_STIFFNESS, _OTHER_STIFFNESS
+    moves = np.concatenate([other, widths * drawn])[: effort.starts] * parameters.spread[: len(own)]
+    return [parameters.inside(parameters.coordinates(parameters.at(move), effects)) for move in moves]
 
 
 def without_jump(problem: Problem, coordinates: Array, loss: Loss, steps: int) -> Point:

@@ -29,6 +29,7 @@ from artibot_sim.estimation.search import (
     Tick,
     continued,
     converge,
+    evenly,
     restarted_windows,
     search,
     thinned,
@@ -258,7 +259,7 @@ class _Ticks:
 
     def __init__(self, report: Report | None, effort: Effort, sizes: int, holdouts: int) -> None:
         self._report = report or (lambda _: None)
-        self._expected = 5 + effort.starts + 2 * effort.finalists + 2 * sizes + holdouts
+        self._expected = 5 + effort.ticks + 2 * sizes + holdouts
         self._count = 0
         self._report(0.0)
 
@@ -301,7 +302,7 @@ def best_fit(problem: Problem, effort: Effort, tick: Tick, trust: Trust | None =
     encoders'. Only at a good fit may channels be distinguished by their residuals. Whoever does not `trust` residuals
     to be noise, for something may be missing in the model, keeps all windows in the end.
     """
-    every = _searched(problem)
+    every = evenly(problem, _SEARCHED)
     part = problem.part(every)
     some = search(part, effort, tick)
     loss = Loss(1.0, some.loss.thinning)
@@ -330,15 +331,10 @@ def best_fit(problem: Problem, effort: Effort, tick: Tick, trust: Trust | None =
     return problem, replace(found, report=some.report, others=some.others)
 
 
-def _searched(problem: Problem) -> list[int]:
-    """Windows that the search from several starts takes."""
-    return list(range(0, len(problem), max(1, -int(-problem.durations.sum() // _SEARCHED))))
-
-
 def _of_all_windows(problem: Problem, loss: Loss, point: Point) -> Fit:
     """A fit of all windows that begins where that of the searched ones ended."""
     starts = problem.starts.copy()
-    starts[_searched(problem)] = point.starts
+    starts[evenly(problem, _SEARCHED)] = point.starts
     begun = evaluate(problem, loss, [point.coordinates], starts)[0]
     return converge(problem, restarted_windows(problem, loss, begun), loss, _SETTLE)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -98,3 +99,17 @@ def test_soil_and_effects_stand_side_by_side() -> None:
     assert at.effects["slope"]["grade"] == pytest.approx(0.025)
     assert not both.uniform
     assert soil.uniform
+
+
+def test_differences_stay_within_bounds() -> None:
+    """A parameter at its upper bound, which no robot may exceed, is moved back from it."""
+    robot = load_robot("husky_driven")
+    name = "effects.stribeck.early"
+    robot = replace(robot, effects={"stribeck": {"velocity": 0.1, "early": 0.5}})
+    parameters = parameter_set(robot, ("k_l", name), {name: Prior(0.5, 0.5)})
+    at_bound = parameters.inside(parameters.coordinates([robot.contact.k_l, 5.0]))
+    steps = parameters.steps(at_bound)
+    assert parameters.values(at_bound)[1] == pytest.approx(1.0)
+    assert steps[0] > 0.0 > steps[1]
+    for step in np.diag(steps):
+        assert 0.0 <= parameters.candidate(at_bound + step).effects["stribeck"]["early"] <= 1.0
