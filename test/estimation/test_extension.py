@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from artibot_sim.estimation.parameters import Extension, ParameterSet
+from artibot_sim.estimation.parameters import Extension, ParameterSet, Prior
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.model import load_robot
 from artibot_sim.model.effects import EFFECTS, at_work
