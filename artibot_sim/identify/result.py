@@ -156,7 +156,7 @@ def number(value: float, digits: int = 4) -> str:
     """A number for people: so many digits, no exponent where there need be none; a dash where it is not known."""
     if np.isnan(value):
         return "–"
-    text = f"{value:#.{digits}g}"
+    text = f"{value + 0.0:#.{digits}g}"  # 0 has no sign
     if "e" in text:
         mantissa, exponent = text.split("e")
         if 0 <= int(exponent) <= 6:

@@ -232,6 +232,10 @@ def test_what_is_known_of_geometry_goes_before_what_its_group_takes_for_granted(
     assert {one.key: one.prior for one in parameter_set(known, ["geometry"]).parameters}[arm].value == 0.2
 
 
+def test_nothing_has_no_sign() -> None:
+    assert number(-0.0, 3) == number(0.0, 3)
+
+
 def test_poses_may_be_late_without_a_prior_of_ones_own() -> None:
     (one,) = parameter_set(load_robot("husky"), ["timing"]).parameters
     assert one.key == "effects.pose_delay.delay" and one.prior.value > 0.0 and one.high > 0.5

@@ -314,7 +314,8 @@ def places(comparisons: Sequence[Comparison], baseline: Mapping[str, ChannelBase
 
 
 def _sentences(samples: ErrorSamples, comparisons: Sequence[Comparison], base: ChannelBaseline) -> Iterator[str]:
-    head = f"off by {amount(base.rmse, base.unit)} (RMSE), {number(base.over_noise, 2)} times the noise"
+    own = "each sample's own noise" if np.isfinite(base.weighted_rmse) else "the noise"
+    head = f"off by {amount(base.rmse, base.unit)} (RMSE), {number(base.over_noise, 2)} times {own}"
     where = moments(samples)
     if not where:
         found = concentration(samples)
