@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -36,7 +35,7 @@ from artibot_sim.diagnose.selection.every_window import EveryWindow, affordable,
 from artibot_sim.diagnose.selection.evidence import DECADE
 from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.selection.stepwise import Naming
-from artibot_sim.diagnose.timetable import StageReport, Task, Timetable
+from artibot_sim.diagnose.timetable import StageReport, Task, TimeLimit, Timetable
 from artibot_sim.diagnose.unlisted.finding import unexplained_of
 from artibot_sim.diagnose.unlisted.fitting import law_of
 from artibot_sim.diagnose.validation.error_budget import error_budget
@@ -51,7 +50,6 @@ from artibot_sim.estimation.alignment import Aligned, on_one_clock, stream_table
 from artibot_sim.estimation.boosting import MISSING, can_grow
 from artibot_sim.estimation.checks.recordings import data_warnings, require_usable
 from artibot_sim.estimation.measurements import missing
-from artibot_sim.estimation.parallel import TimeIsUp, until
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Effort, Fit, Tick
 from artibot_sim.experiment import Experiment
@@ -61,8 +59,6 @@ from artibot_sim.identify.validation import PredictedRecording
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.progress import told_of_compiling
-
-Result = TypeVar("Result")
 
 # ----------------------------------------------------------------------
 # The stages, in their order.
@@ -135,7 +131,7 @@ def _diagnosed(
     found = concluded(decision, view, assessor.worth, ticks, latest, naming.without)
     assessed = assessor(found.decision)
     result = result_of(robot, fitted, held, found, assessed, options, view)
-    given = TimeGiven(options, found.decision.untried)
+    given = TimeLimit(lambda: options.left, found.decision.untried)
     ticks.begin(Task.MODELS)
     models, known = _models(robot, result, decision), assessor.held_out(assessed)
     result = _with_predictors(result, held, models, decision, known, options, given)
@@ -145,7 +141,7 @@ def _diagnosed(
     result = _with_budget(result, assessed, given)
     result = replace(
         _with_sensors(result, timed), findings=what_is_wrong(timed, later), streams=stream_table([*timed, *later]),
-        search=fit.report, warnings=(*_fewer(len(every.rows), usual), *given.warning(), *result.warnings),
+        search=fit.report, warnings=(*_fewer(len(every.rows), usual), *_untried(given), *result.warnings),
     )  # fmt: skip
     ticks.done()
     return replace(result, seconds=parts.elapsed)
@@ -357,29 +353,9 @@ def _fewer(searched: int, usual: int) -> list[str]:
 # ----------------------------------------------------------------------
 
 
-class TimeGiven:
-    """The time that a diagnosis may take (`Options.budget`), and what there was none for.
-
-    Attributes
-    ----------
-    untried : list of str
-    """
-
-    def __init__(self, options: Options, untried: Sequence[str]) -> None:
-        self._options, self.untried = options, list(untried)
-
-    def made(self, what: str, make: Callable[[], Result]) -> Result | None:
-        """What `make` returns; None, and one more that is untried, where that is not over in time."""
-        try:
-            with until(time.perf_counter() + self._options.left):
-                return make()
-        except TimeIsUp:
-            self.untried.append(what)
-            return None
-
-    def warning(self) -> list[str]:
-        """What was not tried, in one line."""
-        return [f"not tried in the time given: {'; '.join(self.untried)}"] if self.untried else []
+def _untried(given: TimeLimit) -> list[str]:
+    """What was not tried, in one line, if there is any of it."""
+    return [f"not tried in the time given: {'; '.join(given.untried)}"] if given.untried else []
 
 
 def _models(robot: Robot, result: Diagnosis, found: Decision) -> dict[str, Robot]:
@@ -394,10 +370,10 @@ def _models(robot: Robot, result: Diagnosis, found: Decision) -> dict[str, Robot
 
 def _with_predictors(
     result: Diagnosis, held: Sequence[Experiment], models: Mapping[str, Robot], decision: Decision,
-    known: Sequence[tuple[Robot, Sequence[PredictedRecording]]], options: Options, given: TimeGiven,
+    known: Sequence[tuple[Robot, Sequence[PredictedRecording]]], options: Options, given: TimeLimit,
 ) -> Diagnosis:  # fmt: skip
     """Add how well the models predict held-out recordings, if there is time."""
-    found = given.made(
+    found = given.within(
         "held-out errors of the models side by side",
         lambda: predictors(held, models, decision.neutral_problem, options.horizon, options.workers, known),
     )
@@ -436,10 +412,10 @@ def with_refusals(result: Diagnosis, models: Mapping[str, Robot], commanded: Col
     return replace(result, refused=tuple(refused), warnings=(*said, *result.warnings))
 
 
-def _with_explainable(result: Diagnosis, assessed: Assessment, options: Options, given: TimeGiven) -> Diagnosis:
+def _with_explainable(result: Diagnosis, assessed: Assessment, options: Options, given: TimeLimit) -> Diagnosis:
     """Add how much is explainable at all, if there is time, and what was learned where `residual` asks for it."""
     noise = {name: one.noise for name, one in assessed.channels.items()}
-    learned = given.made(
+    learned = given.within(
         "how much any model could explain",
         lambda: explainable(assessed.extended_predictions, assessed.extended, noise, result.seed),
     )
@@ -464,10 +440,10 @@ def _with_sensors(result: Diagnosis, timed: Sequence[Aligned]) -> Diagnosis:
     return replace(result, baseline_robot=baseline, extended=extended, predictors=tuple(predictors))
 
 
-def _with_budget(result: Diagnosis, assessed: Assessment, given: TimeGiven) -> Diagnosis:
+def _with_budget(result: Diagnosis, assessed: Assessment, given: TimeLimit) -> Diagnosis:
     """Add which part of the error on held-out recordings is what, and what varies, if there is time."""
     held = [one for one in assessed.extended_predictions if one.experiment.name in result.holdout]
-    found = given.made(
+    found = given.within(
         "which part of the error is what",
         lambda: error_budget(*assessed.whole, held, result.gain, result.explainable, result.seed),
     )

@@ -1,10 +1,15 @@
-"""The stages of a diagnosis, how much of its work is done, and how long the rest takes, as far as that is known."""
+"""The stages of a diagnosis, how much of its work is done, how long the rest takes, and what there was no time for."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import Enum
+from typing import TypeVar
+
+from artibot_sim.estimation.parallel import TimeIsUp, until
+
+Result = TypeVar("Result")
 
 StageReport = Callable[[float, str, str], None]
 """Called with the share that is done, 0 to 1, what is being done, and how long the rest takes, in words."""
@@ -185,3 +190,32 @@ class Timetable:
 
 def _minutes(seconds: float) -> str:
     return f"{round(seconds) // 60}:{round(seconds) % 60:02d}"
+
+
+class TimeLimit:
+    """A time in which work has to be over, and what there was none for.
+
+    Parameters
+    ----------
+    left : callable
+        Gives how much of it is left, s.
+    untried : sequence of str
+        What there was no time for before.
+
+    Attributes
+    ----------
+    untried : list of str
+        What there was no time for.
+    """
+
+    def __init__(self, left: Callable[[], float], untried: Sequence[str] = ()) -> None:
+        self._left, self.untried = left, list(untried)
+
+    def within(self, what: str, make: Callable[[], Result]) -> Result | None:
+        """What `make` returns; None where that is not over in time: then `what` is one more that is untried."""
+        try:
+            with until(time.perf_counter() + self._left()):
+                return make()
+        except TimeIsUp:
+            self.untried.append(what)
+            return None

@@ -1,10 +1,12 @@
 """How far a diagnosis is: stages are named, nothing is taken back, the end is the end, and times are measured."""
 
+import math
 import random
 
 import pytest
 
-from artibot_sim.diagnose.timetable import Task, Timetable
+from artibot_sim.diagnose.timetable import Task, TimeLimit, Timetable
+from artibot_sim.estimation.parallel import check_time
 
 
 def test_what_is_done_grows_and_ends_at_all() -> None:
@@ -74,3 +76,17 @@ def test_the_time_left_follows_from_what_searches_take_here(pace: float) -> None
     now += pace * Task.INTERVALS.duration
     assert table.left == pytest.approx(pace * sum(task.duration for task in rest[1:]))
     assert "more for" not in told[-1]
+
+
+def test_work_that_is_not_over_in_time_is_said_to_be_untried() -> None:
+    """Whatever there is time for is made; what is stopped gives nothing, and is named after what was untried before."""
+    left = iter((math.inf, -1.0))
+    limit = TimeLimit(lambda: next(left), ["a search"])
+
+    def work() -> str:
+        check_time()
+        return "made"
+
+    assert limit.within("the first", work) == "made"
+    assert limit.within("the second", work) is None
+    assert limit.untried == ["a search", "the second"]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from artibot_sim.diagnose.candidates.hypotheses import without_effect
 from artibot_sim.diagnose.candidates.patches import on_best_disc
@@ -20,9 +20,9 @@ from artibot_sim.diagnose.selection.forward import SearchStage, refusal, stage, 
 from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds, settled
 from artibot_sim.diagnose.selection.ridge_search import at_size
 from artibot_sim.diagnose.sizes import sized
-from artibot_sim.diagnose.timetable import Task, Timetable
+from artibot_sim.diagnose.timetable import Task, TimeLimit, Timetable
 from artibot_sim.estimation.loss import Loss
-from artibot_sim.estimation.parallel import TimeIsUp, side_by_side, until
+from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Effort, Fit, Tick, converge, search
 from artibot_sim.estimation.solver import Point, evaluate, reassessed
@@ -96,8 +96,6 @@ def fits_from_two_soils(problem: Problem, point: Point, loss: Loss, rounds: Roun
 # ----------------------------------------------------------------------
 
 
-Result = TypeVar("Result")
-
 _EVERY = "evidence of all windows"
 _THOROUGH = "fitting every effect to the end"
 _LEAVING_OUT = "leaving out each effect that was found"
@@ -109,7 +107,7 @@ _BETTER = 100.0
 """Nats by which a search must better its own baseline, and by more than what it finds is worth, to be made again."""
 
 
-class SearchTime:
+class SearchTime(TimeLimit):
     """The time that searches have: once there is none for one, none follows.
 
     Parameters
@@ -120,31 +118,20 @@ class SearchTime:
     ----------
     took : float
         s, of the last search for one more effect.
-    untried : list of str
-        Searches that there was no time for.
     """
 
     def __init__(self, options: Options) -> None:
-        self._options = options
-        self.took, self.untried = 0.0, list[str]()
+        super().__init__(lambda: options.for_search)
+        self.took = 0.0
 
     @property
     def stopped(self) -> bool:
         """Whether no search follows."""
         return bool(self.untried)
 
-    def within(self, what: str, search: Callable[[], Result]) -> Result | None:
-        """What a search finds; None if its time is up before."""
-        try:
-            with until(time.perf_counter() + self._options.for_search):
-                return search()
-        except TimeIsUp:
-            self.untried.append(what)
-            return None
-
     def lacks(self, what: str) -> bool:
         """Whether a search that takes as long as the last one would take longer than is left."""
-        if self.took <= self._options.for_search:
+        if self.took <= self._left():
             return False
         self.untried.append(what)
         return True
