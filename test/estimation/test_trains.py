@@ -83,6 +83,10 @@ def test_samples_are_those_of_a_rollout_for_every_module_and_joint() -> None:
     assert np.abs(result.articulations[:, -1, 0]).max() > 0.01, "the last joint must bend for this to mean anything"
 
 
+def law(where: str, variable: str, form: str, size: float, **others: float | str) -> dict[str, float | str]:
+    return {"where": where, "variable": variable, "form": form, "size": size, **others}
+
+
 @pytest.mark.parametrize(
     "effects",
     [
@@ -95,6 +99,18 @@ def test_samples_are_those_of_a_rollout_for_every_module_and_joint() -> None:
         },
         {"tyre_relaxation": {"length": 0.3}, "velocity_filter": {"time_constant": 0.05}},
         {"stiction": {"length": 0.02}, "com_height": {"height": 0.3}, "encoder_scale": {"scale": 1.02}},
+        {
+            "force_law": law("joint_2", "articulation_rate", "coulomb", 5.0, scale=0.1, times="module_3_right_angle"),
+            "force_law_2": law("wheels_lateral", "slip", "linear", 20.0),
+            "force_law_3": law("front_right_longitudinal", "angle", "periodic", 8.0, scale=3.0),
+            "payload": {"mass": 5.0, "module": "module_3"},
+        },
+        {
+            "force_law": law("motors_torque", "articulation_angle", "linear", 0.3),
+            "force_law_2": law("module_3_sway", "place", "threshold", 9.0, scale=0.1, direction=0.5),
+            "force_law_3": law("back_yaw", "time", "periodic", 4.0, scale=0.3),
+            "tyre_relaxation": {"length": 0.3},
+        },
     ],
     ids=lambda effects: "+".join(effects) or "none",
 )
@@ -126,6 +142,24 @@ def test_windows_side_by_side_are_those_one_by_one(effects: dict[str, dict[str, 
             windows.run(i, alone[i])
         np.testing.assert_allclose(together, alone, rtol=0.0, atol=1e-9)
         assert np.isfinite(alone).all()
+
+
+def test_robots_that_differ_in_a_force_are_prepared_once() -> None:
+    """A search for forces tries thousands of them: their numbers are worked out once, and each has its own force."""
+    plain = load_robot("train3")
+    robots = [replace(plain, effects={"residual_force": {"front_surge": force}}) for force in (0.0, 20.0, -20.0)]
+    robots.append(replace(plain, contact=replace(plain.contact, k_l=0.5 * plain.contact.k_l)))
+    table, t = bent_table(plain), np.arange(0.0, 0.5, 0.05)
+    rest, none = initial_state(plain), np.zeros(4, np.int64)
+    items = Items(
+        np.arange(4), none, none, none, none + 60, *(np.tile(x, (4, 1)) for x in (rest.q, rest.v)), 0.0 * none
+    )
+    windows = TrainWindows(robots, [table], [SamplingPlan(t, np.zeros(len(t), np.int64))], items, 1e-3)
+    assert len(windows._every) == 2
+    out = np.full((4, len(t)), np.nan)
+    windows.run_all(0, 1, out.ravel())
+    x = out[:, -1]
+    assert x[1] > x[0] > x[2] and x[3] != x[0]
 
 
 def test_motors_that_their_gears_hold_stand_side_by_side_too() -> None:

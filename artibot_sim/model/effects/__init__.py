@@ -119,9 +119,14 @@ def record(effects: Mapping[str, Values], t: float) -> np.void | None:
 
 
 def in_pair(effects: Mapping[str, Values], behind: int) -> dict[str, tuple[Effect, Values]]:
-    """As `at_work`, what acts in the pair of a robot's front module and the module `behind` (see `parts`)."""
+    """The effects at work in the pair of a robot's front module and the module `behind` (see `parts`)."""
+    return _in_pair(at_work(effects), behind)
+
+
+def _in_pair(working: Mapping[str, tuple[Effect, Values]], behind: int) -> dict[str, tuple[Effect, Values]]:
+    """Those of the effects at work that act in the pair of the front module and the module `behind`."""
     found: dict[str, tuple[Effect, Values]] = {}
-    for name, (effect, values) in at_work(effects).items():
+    for name, (effect, values) in working.items():
         seen = parts.for_pair(values, behind)
         if seen is not None and effect.active(seen):
             found[name] = effect, seen
@@ -129,14 +134,20 @@ def in_pair(effects: Mapping[str, Values], behind: int) -> dict[str, tuple[Effec
 
 
 def records(effects: Mapping[str, Values], t: float, modules: int) -> NDArray[np.void] | None:
-    """As `record`, of a robot of so many modules: each with what acts in its pair, the front one with the first."""
-    pairs = [_asked(in_pair(effects, max(i, 1))) for i in range(modules)]
+    """A robot's effects for the extended kernels of so many modules at the time `t` (s).
+
+    None where the paper's model does. Each module has what acts in its pair, the front one what acts in the first.
+    """
+    working = _asked(at_work(effects))
+    pairs = [_in_pair(working, max(i, 1)) for i in range(modules)] if working else []
     if not any(pairs):
         return None
-    laws = any(name in LAWS for working in pairs for name in working)
-    found = np.empty(modules, dtype=LAW_DTYPE if laws else RECORD_DTYPE)
-    for i, working in enumerate(pairs):
-        found[i] = _filled(working, laws, t)
+    laws = any(name in LAWS for pair in pairs for name in pair)
+    found = np.full(modules, _NEUTRAL_LAWS if laws else _NEUTRAL)
+    found["t"] = t
+    for fx, pair in zip(found, pairs, strict=True):
+        for name, (effect, values) in pair.items():
+            fx[name] = _numbers(effect, values)
     return found
 
 

@@ -5,9 +5,10 @@ A law says where a force acts, which variable it follows there, and in which for
     force = size · form(variable / scale) [ · times_form(times / times_scale)]
 
 Words and units of all three are in the tables of this file; who looks for laws and who simulates them use the same.
-A robot has at most three of them (`force_law`, `force_law_2`, `force_law_3`). Robots with laws are simulated one by
-one, by code of their own: for all others nothing of this is compiled. What the rover as a whole does at an instant is
-noted in the record of its effects (MOTION) before any law is asked.
+A robot has at most three of them (`force_law`, `force_law_2`, `force_law_3`). Robots with laws are simulated by code of
+their own, one or two modules one by one: for all others nothing of this is compiled. What the rover as a whole does at
+an instant is known before any law is asked: noted in the record of its effects (MOTION), or handed over as
+`NotedMotion`.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ import math
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from numba.core import types
 from numba.extending import overload
 
 from artibot_sim.errors import ArtibotError
@@ -143,18 +143,58 @@ MOTION = (
 wheels' angles motor by motor, yaw and yaw rate of the articulation."""
 
 
+class LawNumbers(NamedTuple):
+    """A law's parameters, see PARAMETERS, where they are no record."""
+
+    size: float
+    where: float
+    variable: float
+    form: float
+    scale: float
+    exponent: float
+    phase: float
+    direction: float
+    offset: float
+    times: float
+    times_form: float
+    times_scale: float
+
+
+@inlined
+def numbers_of(law):
+    """Those of a record."""
+    return LawNumbers(
+        law.size, law.where, law.variable, law.form, law.scale, law.exponent, law.phase, law.direction, law.offset,
+        law.times, law.times_form, law.times_scale,
+    )  # fmt: skip
+
+
+class NotedMotion(NamedTuple):
+    """What is noted of an instant, see MOTION, where it is no part of a record."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    yaw: tuple[float, float]
+    forward: tuple[float, float]
+    left: tuple[float, float]
+    turn: tuple[float, float]
+    angle: tuple[float, float, float, float]
+    bend: tuple[float]
+    bend_rate: tuple[float]
+
+
 def motion_in(fx: Any) -> Any:
-    """What laws see, in a record of effects; None, at compile time, in one that has no laws."""
+    """What laws see, among effects; None, at compile time, where there are no laws."""
     return getattr(fx, "motion", None)
 
 
 def laws_in(fx: Any) -> Any:
-    """The three laws in a record of effects, see `motion_in`."""
+    """The three laws among effects, see `motion_in`."""
     return (fx.force_law, fx.force_law_2, fx.force_law_3) if hasattr(fx, "motion") else None
 
 
 def _has_laws(fx: Any) -> bool:
-    return isinstance(fx, types.Record) and "motion" in fx.fields
+    return "motion" in getattr(fx, "fields", ())
 
 
 @overload(motion_in, jit_options={"forceinline": True}, strict=False)
@@ -164,9 +204,11 @@ def _motion_in(fx: Any) -> Any:
 
 @overload(laws_in, jit_options={"forceinline": True}, strict=False)
 def _laws_in(fx: Any) -> Any:
-    if _has_laws(fx):
-        return lambda fx: (fx.force_law, fx.force_law_2, fx.force_law_3)
-    return lambda fx: None
+    if not _has_laws(fx):
+        return lambda fx: None
+    if "laws" in fx.fields:
+        return lambda fx: fx.laws
+    return lambda fx: (fx.force_law, fx.force_law_2, fx.force_law_3)
 
 
 @inlined
@@ -221,8 +263,11 @@ def shapes(form, u, out):
 
 
 @inlined
-def variable_value(variable, law, motion, t, module, own):
-    """The value of a variable of VARIABLES where a force acts, on a module or a part of it."""
+def variable_value(variable, law, motion, joint, t, module, own):
+    """The value of a variable of VARIABLES where a force acts, on a module or a part of it.
+
+    `joint` are yaw (rad) and yaw rate (rad/s) of the articulation.
+    """
     if variable == TIME:
         return t
     if variable == SPEED:
@@ -246,21 +291,30 @@ def variable_value(variable, law, motion, t, module, own):
     if variable == LOAD:
         return own.load
     if variable == BEND:
-        return motion.bend[0]
+        return joint[0]
     if variable == BEND_RATE:
-        return motion.bend_rate[0]
+        return joint[1]
     if variable >= FIRST_ANGLE:
         return motion.angle[int(variable) - FIRST_ANGLE]
     return 0.0
 
 
+@inlined
+def bent(motion):
+    """Yaw and yaw rate of the articulation, as noted."""
+    return motion.bend[0], motion.bend_rate[0]
+
+
 @called
-def value(law, motion, t, module, own):
-    """The force of a law (N or N m) on a part of a `module`, of which `own` is known."""
-    u = variable_value(law.variable, law, motion, t, module, own) / law.scale
+def value(law, motion, joint, t, module, own):
+    """The force of a law (N or N m) on a part of a `module`, of which `own` is known.
+
+    `joint` are yaw (rad) and yaw rate (rad/s) of the articulation.
+    """
+    u = variable_value(law.variable, law, motion, joint, t, module, own) / law.scale
     force = law.size * shape(law.form, u, law.exponent, law.phase)
     if law.times != NOTHING:
-        factor = variable_value(law.times, law, motion, t, module, own) / law.times_scale
+        factor = variable_value(law.times, law, motion, joint, t, module, own) / law.times_scale
         force *= shape(law.times_form, factor, law.exponent, law.phase)
     return force
 
@@ -276,7 +330,7 @@ def on_module(laws, motion, t, module):
                 own = LocalMotion(
                     motion.forward[module], motion.left[module], 0.0, 0.0, motion.x[module], motion.y[module], 0.0
                 )
-                force = value(law, motion, t, module, own)
+                force = value(law, motion, bent(motion), t, module, own)
                 surge += force if where == 0.0 else 0.0
                 sway += force if where == 1.0 else 0.0
                 turn += force if where == 2.0 else 0.0
@@ -291,7 +345,7 @@ def on_wheel(laws, motion, t, wheel, own):
         for law in laws:
             among = law.where == EACH_LATERAL or (law.where == LATERAL + wheel and wheel < 8)
             if law.size != 0.0 and (among or law.where == (FRONT_LATERAL if wheel < 4 else BACK_LATERAL)):
-                force += value(law, motion, t, 0 if wheel < 4 else 1, own)
+                force += value(law, motion, bent(motion), t, 0 if wheel < 4 else 1, own)
     return force
 
 
@@ -303,7 +357,7 @@ def on_pair(laws, motion, t, motor, own):
         for law in laws:
             among = law.where == EACH_LONGITUDINAL or (law.where == LONGITUDINAL + motor and motor < 4)
             if law.size != 0.0 and among:
-                force += value(law, motion, t, 0 if motor < 2 else 1, own)
+                force += value(law, motion, bent(motion), t, 0 if motor < 2 else 1, own)
     return force
 
 
@@ -317,7 +371,7 @@ def on_motor(laws, motion, t, motor, angle, speed):
         for law in laws:
             among = law.where == EACH_TORQUE or (law.where == TORQUE + motor and motor < 4)
             if law.size != 0.0 and among:
-                torque += value(law, motion, t, module, own)
+                torque += value(law, motion, bent(motion), t, module, own)
     return torque
 
 
@@ -326,13 +380,10 @@ def in_joint(laws, motion, t, angle, rate):
     """Yaw moment of laws on the front module, with its opposite on the back one, N m."""
     moment = 0.0
     if laws is not None:
-        before, rate_before = motion.bend[0], motion.bend_rate[0]
-        motion.bend[0], motion.bend_rate[0] = angle, rate
         own = LocalMotion(motion.forward[0], motion.left[0], 0.0, 0.0, motion.x[0], motion.y[0], 0.0)
         for law in laws:
             if law.size != 0.0 and law.where == JOINT:
-                moment += value(law, motion, t, 0, own)
-        motion.bend[0], motion.bend_rate[0] = before, rate_before
+                moment += value(law, motion, (angle, rate), t, 0, own)
     return moment
 
 

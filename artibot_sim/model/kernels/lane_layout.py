@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numba.core import types
+from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
@@ -200,6 +200,22 @@ def _lane_effects(typing_context: Any, fx: Any, S: Any, at: Any, t: Any) -> Any:
 
 
 lane_effects: Any = intrinsic(_lane_effects)
+
+LawEffects: Any = namedtuple("LawEffects", [*_NAMES, "laws", "motion"])  # type: ignore[misc]  # as above
+
+
+def _with_laws(typing_context: Any, effects: Any, laws: Any, motion: Any) -> Any:
+    """Effects of a lane together with its three laws, and the motion that these follow."""
+    both = types.NamedTuple((*effects.types, laws, motion), LawEffects)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        values = cgutils.unpack_tuple(builder, arguments[0])
+        return context.make_tuple(builder, both, [*values, *arguments[1:]])
+
+    return both(effects, laws, motion), generate
+
+
+with_laws: Any = intrinsic(_with_laws)
 
 
 @inlined

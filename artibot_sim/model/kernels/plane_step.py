@@ -66,12 +66,12 @@ def static_loads(body, p, fx, module, z):
 
 
 @inlined
-def module_level(body, p, fx, module, q, v, b):
-    """Whether a module, whose coordinates begin at `b` in q and v, stands level, and its wheels carry it so."""
+def module_level(body, p, fx, module, q, v):
+    """Whether a module at q and v (8,) stands level, and its wheels carry it so."""
     for c in (Z, ALPHA, BETA):
-        if abs(v[b + c]) > _STILL or (c != Z and abs(q[b + c]) > _STILL):
+        if abs(v[c]) > _STILL or (c != Z and abs(q[c]) > _STILL):
             return False
-    right_f, right_b, left_f, left_b = static_loads(body, p, fx, module, q[b + Z])
+    right_f, right_b, left_f, left_b = static_loads(body, p, fx, module, q[Z])
     left = 0.0
     if fx is not None:
         _, left = hooks.centre(fx, module)
@@ -83,11 +83,11 @@ def module_level(body, p, fx, module, q, v, b):
 @inlined
 def level(p, fx, q, v):
     """Whether a rover at q and v (16,) moves on a plane only."""
-    if not module_level(p.front, p, fx, FRONT, q, v, 0):
+    if not module_level(p.front, p, fx, FRONT, q[:BACK], v[:BACK]):
         return False
     if not p.two:
         return True
-    return coplanar(p, q[Z], q[BACK + Z]) and module_level(p.back, p, fx, BEHIND, q, v, BACK)
+    return coplanar(p, q[Z], q[BACK + Z]) and module_level(p.back, p, fx, BEHIND, q[BACK:], v[BACK:])
 
 
 @inlined
@@ -222,7 +222,7 @@ def heading(q):
 
 @inlined
 def turned(trig, begun, q):
-    """As `heading` at `q`, from what it was at `begun`: within a step a module turns by little."""
+    """Sines and cosines of both yaws at `q`, from those at `begun`: within a step a module turns by little."""
     s_f, c_f = turn_by(q[2] - begun[2], trig[0], trig[1])
     s_b, c_b = turn_by(q[5] - begun[5], trig[2], trig[3])
     return s_f, c_f, s_b, c_b

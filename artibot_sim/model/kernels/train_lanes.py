@@ -10,12 +10,15 @@ plane, x and y, and with effects the torque in its yaw as a third one. The joint
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba.core import types
+from numba.extending import overload
 from numpy.typing import NDArray
 
 from artibot_sim.model.effects import hooks
+from artibot_sim.model.effects.force_law import NotedMotion, numbers_of
 from artibot_sim.model.equations.contact import load_transfer, pair_forces, within_friction_lanes
 from artibot_sim.model.equations.dynamics import joint_torque
 from artibot_sim.model.equations.plane import (
@@ -51,6 +54,7 @@ from artibot_sim.model.kernels.lane_layout import (
     beginnings,
     lane_effects,
     put4,
+    with_laws,
 )
 from artibot_sim.model.kernels.lanes import body_of, forces_now, ground_of, motion_of
 from artibot_sim.model.kernels.layout import BEHIND, FRONT, GAMMA, THETA_L, THETA_R, X, Y, Z
@@ -103,7 +107,8 @@ _SIZES = {
     "O_AHEAD": 1, "O_BEHIND": 1, "AHEAD": 2, "BEHIND": 2, "ROOT": 1, "BLOCK": 6, "NEXT": 9, "RIGHT": 3,
     # whether a coordinate is sound, and in how many rows it was
     "SOUND": SIZE, "KEPT": SIZE,
-    "EFFECTS": EFFECT_VALUES,
+    # parameters of effects; row of the robot's laws
+    "EFFECTS": EFFECT_VALUES, "LAWS": 1,
 }  # fmt: skip
 
 AT = beginnings(_SIZES)
@@ -121,7 +126,8 @@ class TrainItems(NamedTuple):
     modules, joints : arrays of PARAMS_DTYPE, shapes (p, modules) and (p, modules − 1)
     eta : array, shape (p, 2 modules)
         Efficiencies of a first step.
-    effects : array, shape (p, modules, EFFECT_VALUES)
+    effects : array, shape (r, modules, EFFECT_VALUES)
+        Of r robots.
     sensors : array, shape (p, 8)
         Rows of SensorErrors.
     modes : array of int, shape (p, 2 modules)
@@ -129,8 +135,8 @@ class TrainItems(NamedTuple):
         Eq. 30's factors.
     position, velocity, torque, late_angle, late_speed : array, shape (k, 2 modules)
         Knots of all tables, one after the other, side by side; for the last two see `MotorTable.behind`.
-    robot, first, knots : array of int, shape (n,)
-        Which prepared robot, first knot in `position`, and how many intervals follow.
+    robot, fx, first, knots : array of int, shape (n,)
+        Which prepared robot, row of `effects`, first knot in `position`, and how many intervals follow.
     q, v : array, shape (n, modules, 8)
     t : array, shape (n,)
     memory : array, shape (n, modules, 16)
@@ -157,6 +163,7 @@ class TrainItems(NamedTuple):
     late_angle: Array
     late_speed: Array
     robot: Indices
+    fx: Indices
     first: Indices
     knots: Indices
     q: Array
@@ -205,8 +212,8 @@ def find_level(work, fx, out):
         modules, joints, q, v = work.modules[r], work.joints[r], work.q[k], work.v[k]
         level = True
         for i in range(len(modules)):
-            own = of_one(None if fx is None else fx[r], i)
-            level = level and module_level(modules[i].front, modules[i], own, min(i, 1), q[i], v[i], 0)
+            own = of_one(None if fx is None else fx[work.fx[k]], i)
+            level = level and module_level(modules[i].front, modules[i], own, min(i, 1), q[i], v[i])
         for j in range(len(joints)):
             level = level and coplanar(joints[j], q[j, Z], q[j + 1, Z])
         out[k] = level
@@ -222,14 +229,56 @@ def effects_of(S, fx, b, e, t):
 
 
 @inlined
+def noted(S, i, e):
+    """What laws of module `i` of a lane see: as `train_loop.note_pair` notes it."""
+    k = max(i, 1)
+    f, b, ahead = e, k * MODULE + e, (k - 1) * MODULE + e
+    front, back = motion_of(S, f + AT.Q, f + AT.V), motion_of(S, b + AT.Q, b + AT.V)
+    (s_f, c_f), (s_b, c_b) = (S[f + AT.SINE], S[f + AT.COSINE]), (S[b + AT.SINE], S[b + AT.COSINE])
+    yaw, turn, th = AT.Q + 2 * LANES, AT.V + 2 * LANES, AT.Q + ANGLES
+    return NotedMotion(
+        (front.x, back.x), (front.y, back.y), (front.gamma, back.gamma),
+        (c_f * front.x_dot + s_f * front.y_dot, c_b * back.x_dot + s_b * back.y_dot),
+        (c_f * front.y_dot - s_f * front.x_dot, c_b * back.y_dot - s_b * back.x_dot),
+        (front.gamma_dot, back.gamma_dot),
+        (
+            S[f + AT.TAU] * S[f + th], S[f + AT.TAU + LANES] * S[f + th + LANES],
+            S[b + AT.TAU] * S[b + th], S[b + AT.TAU + LANES] * S[b + th + LANES],
+        ),
+        (S[b + yaw] - S[ahead + yaw],), (S[b + turn] - S[ahead + turn],),
+    )  # fmt: skip
+
+
+def effects_and_laws(S: Any, fx: Any, laws: Any, i: int, e: int, t: float) -> Any:
+    """With effects: those of module `i` in a lane `t` seconds after its start, with its laws.
+
+    `laws` (r, modules) are those of all robots, or None: see `run_trains`.
+    """
+    raise NotImplementedError("only for compiled code")
+
+
+@overload(effects_and_laws, jit_options={"forceinline": True}, strict=False)
+def _effects_and_laws(S: Any, fx: Any, laws: Any, i: int, e: int, t: float) -> Any:
+    if not isinstance(laws, types.Array):
+        return lambda S, fx, laws, i, e, t: effects_of(S, fx, i * MODULE, e, t)
+
+    def both(S, fx, laws, i, e, t):
+        at, own = i * MODULE + AT.EFFECTS + e, laws[int(S[AT.LAWS + e]), i]
+        three_laws = numbers_of(own.force_law), numbers_of(own.force_law_2), numbers_of(own.force_law_3)
+        return with_laws(lane_effects(fx, S, at, S[at] + t), three_laws, noted(S, i, e))
+
+    return both
+
+
+@inlined
 def load_module(S, e, b, work, k, i, fx):
     """Module `i` of item `k` into lane `e`, where the module begins at `b`."""
     r, at = work.robot[k], b + e
     p, q, v = work.modules[r, i], work.q[k, i], work.v[k, i]
     if fx is not None:
         for n in range(EFFECT_VALUES):
-            S[at + AT.EFFECTS + n * LANES] = work.effects[r, i, n]
-        S[at + AT.EFFECTS] = work.t[k]
+            S[at + AT.EFFECTS + n * LANES] = work.effects[work.fx[k], i, n]
+        S[at + AT.EFFECTS], S[at + AT.LAWS] = work.t[k], work.fx[k]
     for c in range(SIZE):
         S[at + AT.Q + c * LANES], S[at + AT.V + c * LANES] = q[PLACES[c]], v[PLACES[c]]
         S[at + AT.SOUND + c * LANES], S[at + AT.KEPT + c * LANES] = 1.0, 0.0
@@ -250,7 +299,7 @@ def load_module(S, e, b, work, k, i, fx):
 
 @inlined
 def load_motor(S, j, p, unit, work, r, motor):
-    """As `load_module` for one of its motors, whose numbers begin at `j`."""
+    """One motor of a module into a lane, where its numbers begin at `j`."""
     mode = work.modes[r, motor]
     S[j + AT.MODE], S[j + AT.TAU], S[j + AT.R_W], S[j + AT.SHAFT] = mode, unit.tau, unit.r_w, unit.geared
     S[j + AT.J_M], S[j + AT.J_W], S[j + AT.TORQUE_MAX] = unit.J_m, unit.J_w, unit.torque_max
@@ -323,6 +372,13 @@ def dragging(S, fx, j, motor, speed):
 
 
 @inlined
+def at_shaft(S, fx, j, motor, speed):
+    """With effects: what laws ask of a motor of a lane at its shaft at a `speed` (rad/s), N m."""
+    tau = S[j + AT.TAU]
+    return hooks.shaft(fx, motor, tau * S[j + AT.Q + ANGLES], S[j + AT.R_W] * (tau * speed))
+
+
+@inlined
 def load_at(S, j, forces, omega):
     """M_r of eq. 22 for a motor of a lane whose wheels turn at `omega` (rad/s)."""
     return axle_torque(S[j + AT.LEVER], forces.at_rim, S[j + AT.ROLLS] * forces.u_F_n, rolling_sign(omega))
@@ -349,6 +405,7 @@ def step_side(S, fx, effects, j, motor, on, kept, body, s, dt, free):
         if effects is not None:
             drag = dragging(S, effects, j, motor, speed)
             load, inertia = load + drag, inertia + (dt * drag / speed if speed != 0.0 else 0.0)
+            load += at_shaft(S, effects, j, motor, speed)
             if LIMITED[len(fx)]:
                 low, high = hooks.limits(effects, speed, low, high)
         given = S[j + AT.GIVEN]
@@ -360,7 +417,7 @@ def step_side(S, fx, effects, j, motor, on, kept, body, s, dt, free):
     carried, drag = gear * load_at(S, j, forces, tau * new), 0.0
     needed = J * acceleration + carried
     if effects is not None:
-        drag = dragging(S, effects, j, motor, new)
+        drag = dragging(S, effects, j, motor, new) + at_shaft(S, effects, j, motor, new)
         needed += drag
     S[j + AT.ACC + ANGLES], S[j + AT.DRAG], S[j + AT.LOAD] = acceleration, drag, carried
     S[j + AT.TORQUE] = (needed if prescribed else torque) if free else needed
@@ -402,10 +459,11 @@ def loaded(S, fx, j, number, body, ground, pairs, soils):
 
 
 @inlined
-def step_module(S, fx, b, number, s, t, dt, free):
-    """A module over a step without its joints; for effects it is `number` of a pair, see `effects.parts`."""
+def step_module(S, fx, laws, i, s, t, dt, free):
+    """Module `i` over a step without its joints."""
+    b, number = i * MODULE, min(i, 1)  # of a pair, for effects: see `effects.parts`
     for e in range(LANES):
-        j, effects = b + e, effects_of(S, fx, b, e, t)
+        j, effects = b + e, effects_and_laws(S, fx, laws, i, e, t)
         body, ground, at = body_of(S, j + AT.BODY), ground_of(S, j + AT.GROUND), motion_of(S, j + AT.Q, j + AT.V)
         s_g, c_g = S[j + AT.SINE], S[j + AT.COSINE]
         kept_r, kept_l = kept_of(S, j + AT.LAG), kept_of(S, j + AT.LAG + 2 * LANES)
@@ -490,13 +548,13 @@ def inverses(S, j):
 
 
 @inlined
-def twist(S, fx, b, t, dt):
-    """With effects: T_0 of the joint behind the module at `b`, which acts at once, and √(dt s)."""
+def twist(S, fx, laws, i, t, dt):
+    """With effects: T_0 of the joint behind module `i`, which acts at once, and √(dt s)."""
     for e in range(LANES):
-        f, k = b + e, b + e + MODULE
+        f, k = i * MODULE + e, (i + 1) * MODULE + e
         yaw, turn, acc = AT.Q + 2 * LANES, AT.V + 2 * LANES, AT.ACC + 2 * LANES
         torque, slope = joint_torque(
-            effects_of(S, fx, b + MODULE, e, t), S[k + yaw] - S[f + yaw], S[k + turn] - S[f + turn], dt
+            effects_and_laws(S, fx, laws, i + 1, e, t), S[k + yaw] - S[f + yaw], S[k + turn] - S[f + turn], dt
         )
         S[f + AT.ROOT] = math.sqrt(max(slope, 0.0))
         _, J_f = inverses(S, f)
@@ -647,12 +705,12 @@ def hold_joint(S, b):
 
 
 @inlined
-def join(S, fx, modules, t, dt):
+def join(S, fx, laws, modules, t, dt):
     """Accelerations of all modules from those without joints: block elimination, front to rear and back."""
     joints = modules - 1
     if fx is not None:
         for j in range(joints):
-            twist(S, fx, j * MODULE, t, dt)
+            twist(S, fx, laws, j, t, dt)
     for j in range(joints):
         joint_rows(S, fx, j * MODULE, min(j, 1), t)
     for j in range(joints):
@@ -688,7 +746,10 @@ def face(S, modules):
 
 @inlined
 def turn(S, modules):
-    """As `face`, from what they were a step before: a rover turns by far less in a step than `turn_by` knows."""
+    """Sines and cosines of all yaws from those of a step before.
+
+    A rover turns by far less in a step than `turn_by` knows.
+    """
     for i in range(modules):
         for j in range(i * MODULE, i * MODULE + LANES):
             yaw = S[j + AT.Q + 2 * LANES]
@@ -730,7 +791,7 @@ def keep_rows(S, modules, row, rows):
 
 
 @inlined
-def simulate(S, rows, work, order, block, fx, dt, knot_steps, free):
+def simulate(S, rows, work, order, block, fx, laws, dt, knot_steps, free):
     """Run a block, a row at each knot."""
     modules, steps = work.modules.shape[1], work.knots[order[block * LANES]] * knot_steps
     for step in range(steps + 1):
@@ -743,10 +804,10 @@ def simulate(S, rows, work, order, block, fx, dt, knot_steps, free):
             turn(S, modules)
         for i in range(modules):
             if free[i]:
-                step_module(S, fx, i * MODULE, min(i, 1), s, t, dt, True)
+                step_module(S, fx, laws, i, s, t, dt, True)
             else:
-                step_module(S, fx, i * MODULE, min(i, 1), s, t, dt, False)
-        join(S, fx, modules, t, dt)
+                step_module(S, fx, laws, i, s, t, dt, False)
+        join(S, fx, laws, modules, t, dt)
         if phase == 0:
             keep_rows(S, modules, knot, rows)
         advance(S, fx, modules, dt)
@@ -784,7 +845,7 @@ def sample_plans(S, rows, samples, work, order, block, h, out):
 
 
 @kernel
-def run_trains(work, order, first, stride, dt, knot_steps, free, buffer, out, fx=None):
+def run_trains(work, order, first, stride, dt, knot_steps, free, buffer, out, fx=None, laws=None):
     """Blocks `first`, `first` + `stride`, … of the items in `order`, those with most knots first; samples into `out`.
 
     Parameters
@@ -796,6 +857,9 @@ def run_trains(work, order, first, stride, dt, knot_steps, free, buffer, out, fx
         Which modules have a motor that is not prescribed.
     fx : tuple, optional
         One of EXTENDED for the extended model (`lane_layout`).
+    laws : array of LAW_DTYPE, shape (r, modules), optional
+        With `fx`: laws of all robots, as `effects` has the rest. They branch, so that lanes with laws are computed one
+        after the other.
     """
     line_up_stack()
     S, rows, samples = buffer
@@ -807,5 +871,5 @@ def run_trains(work, order, first, stride, dt, knot_steps, free, buffer, out, fx
                 k = item_of(order, block, e)
                 load_module(S, e, b, work, k, i, fx)
                 next_knot(S, e, b, work, k, i, 0)
-        simulate(S, rows, work, order, block, fx, dt, knot_steps, free)
+        simulate(S, rows, work, order, block, fx, laws, dt, knot_steps, free)
         sample_plans(S, rows, samples, work, order, block, knot_steps * dt, out)

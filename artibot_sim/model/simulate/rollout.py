@@ -406,7 +406,10 @@ def _airborne(row: int, name: str, t: Array) -> tuple[int, Status, str]:
 def _fallen_over(
     ground: Surface, body: ModuleParams, r_w: float, name: str, q: Array, loads: Array | None, t: Array
 ) -> Iterator[tuple[int, Status, str]]:
-    """As `_fallen` on uneven ground; `loads` (n, 4) are the module's wheels' (N), None where they tell nothing."""
+    """Where a module lies or is in the air on uneven ground.
+
+    `loads` (n, 4) are those of its wheels (N), None where they tell nothing.
+    """
     yield from _tipped(name, q, t)
     if loads is None:
         return
@@ -656,7 +659,7 @@ def rollout(
 
 
 def simulate(setup: RolloutSetup, dt: float, integrator: str, every: int, energy: bool) -> Rollout:
-    """As `rollout`, of what was checked already."""
+    """The rollout of a setup that was checked."""
     from artibot_sim.model.kernels import loop
     from artibot_sim.model.kernels.advance import advance
 

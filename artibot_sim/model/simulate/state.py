@@ -318,7 +318,7 @@ def _held_downhill(p: Params, body: ModuleParams, yaw: float, F_n: Array) -> Arr
 
 
 def _train_at_rest(robot: Robot, pose: tuple[float, float, float], bends: Array, t: float) -> State:
-    """As `initial_state`, for any number of modules."""
+    """A robot of any number of modules at rest at `pose`, its joints bent by `bends` (rad), at the time `t` (s)."""
     p = train(robot)
     modules = len(p.modules)
     if len(bends) not in (1, modules - 1):

@@ -2,8 +2,8 @@
 
 All are rollouts with the semi-implicit integrator: free wheels of a passive module, which RK4 follows in steps of half
 a millisecond, are implicit there. Trains that stay on a plane run side by side in the processor's vector units
-(`kernels.train_lanes`); the others, those with laws, with motors that have velocity loops, and those of which it is
-asked how wheels slide or grip, one by one by `kernels.train_loop`. Both give the same to rounding. What sensors see is
+(`kernels.train_lanes`); the others, those with motors that have velocity loops, and those of which it is asked how
+wheels slide or grip, one by one by `kernels.train_loop`. Both give the same to rounding. What sensors see is
 sampled as of two modules, pair by pair: each module with the one behind it.
 """
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.analysis.stability import largest_step, parts
-from artibot_sim.model.effects import RECORD_DTYPE, has_laws, records
+from artibot_sim.model.effects import LAW_DTYPE, RECORD_DTYPE, records
 from artibot_sim.model.equations.transmission import DRIVEN, PRESCRIBED, torque_factors
 from artibot_sim.model.kernels.lane_layout import EFFECT_VALUES, EXTENDED, extension, flat
 from artibot_sim.model.kernels.layout import (
@@ -63,6 +63,7 @@ from artibot_sim.model.simulate.window_inputs import (
     Items,
     MotorTable,
     SamplingPlan,
+    by_numbers,
     kind_of,
     longest_step,
     real,
@@ -81,7 +82,7 @@ _STEPS = (1e-3, 5e-4, 2.5e-4, 1e-4, 5e-5)
 
 @dataclass(frozen=True)
 class Prepared:
-    """A robot as the loops take it, for motors of some modes.
+    """A robot as the loops take it, but for its effects, for motors of some modes.
 
     Attributes
     ----------
@@ -92,8 +93,6 @@ class Prepared:
         Eq. 30's of each module.
     eta : array, shape (modules, 2)
         Efficiencies of a first step.
-    fx : array of records or None
-        Effects, module by module.
     sensors : array, shape (1, 8)
         A row of SensorErrors.
     parts : int
@@ -106,7 +105,6 @@ class Prepared:
     modes: NDArray[np.int64]
     factors: tuple[float, ...]
     eta: Array
-    fx: Any
     sensors: Array
     parts: int
 
@@ -118,8 +116,7 @@ class Prepared:
         eta = np.array([[m.right_front.eta_d, m.left_front.eta_d] for m in p.modules])
         return cls(
             p, packed_all(p.modules), packed_all(p.joints), np.array(modes, dtype=np.int64), factors, eta,
-            records(robot.effects, 0.0, len(p.modules)), np.array([sensor_errors(robot)], dtype=float),
-            parts(p, dt, factors),
+            np.array([sensor_errors(robot)], dtype=float), parts(p, dt, factors),
         )  # fmt: skip
 
 
@@ -148,16 +145,12 @@ class TrainWindows:
     ) -> None:
         self._robots, self._tables, self._plans, self._items, self._dt = robots, tables, plans, items, dt
         self._ends = np.cumsum([len(plans[plan].t) for plan in items.plan])
-        wanted = sorted({(int(r), int(t)) for r, t in zip(items.robot, items.table, strict=True)})
-        numbers: dict[tuple[Any, ...], int] = {}
+        different, like = by_numbers(robots)
         self._every: list[Prepared] = []
-        self._number: dict[tuple[int, int], int] = {}
-        for r, t in wanted:
-            key = (r, tables[t].modes, tables[t].kappa)
-            if key not in numbers:
-                numbers[key] = len(self._every)
-                self._every.append(Prepared.of(robots[r], tables[t], dt))
-            self._number[r, t] = numbers[key]
+        self._number = self._prepared(different, like)
+        self._fx = [records(robot.effects, 0.0, len(robot.modules)) for robot in robots]
+        self._lawful = [fx is not None and fx.dtype == LAW_DTYPE for fx in self._fx]
+        self._laws = self._every_law()
         self._sides = trains.sides(robots[0])
         self._laid_out = [self._by_module(table) for table in tables]
         self._groups, self._alone, self._work = self._side_by_side()
@@ -172,32 +165,50 @@ class TrainWindows:
             buffer = train_lanes.buffers(modules, int(self._items.knots[group.order[0]]) + 1, samples)
             fx = EXTENDED[group.extended - 1] if group.extended else None
             train_lanes.run_trains(
-                self._work, group.order, part, parts, group.dt, group.steps, group.free, buffer, out, fx
-            )
+                self._work, group.order, part, parts, group.dt, group.steps, group.free, buffer, out, fx,
+                self._laws if group.lawful else None,
+            )  # fmt: skip
         for i in self._alone[part::parts]:
             self.run(int(i), out[self._ends[i] - len(self._plans[self._items.plan[i]].t) : self._ends[i]])
+
+    def _prepared(self, different: Sequence[Robot], like: Indices) -> Indices:
+        """Which of `_every` each item is of, (n,); made once for robots alike whose motors are driven alike."""
+        numbers: dict[tuple[Any, ...], int] = {}
+        found = np.empty(len(self._items), np.int64)
+        driven = [(table.modes, table.kappa) for table in self._tables]
+        own = like[self._items.robot]
+        for i, (r, t) in enumerate(zip(own.tolist(), self._items.table.tolist(), strict=True)):
+            key = (r, driven[t])
+            if key not in numbers:
+                numbers[key] = len(self._every)
+                self._every.append(Prepared.of(different[r], self._tables[t], self._dt))
+            found[i] = numbers[key]
+        return found
+
+    def _every_law(self) -> NDArray[Any]:
+        """Laws of all robots (r, modules), of those that have any."""
+        found = np.empty((len(self._robots) if any(self._lawful) else 0, len(self._robots[0].modules)), LAW_DTYPE)
+        for i in np.flatnonzero(self._lawful):
+            found[i] = self._fx[i]
+        return found
 
     def _side_by_side(self) -> tuple[list[_Group], Indices, Any]:
         """Items that can share a block, those with most knots first; the others; what compiled code takes of all."""
         from artibot_sim.model.kernels import train_lanes
 
-        items, every = self._items, self._every
-        robot = np.array([self._number[r, t] for r, t in zip(items.robot.tolist(), items.table.tolist(), strict=True)])
-        own = np.zeros(len(every), np.int64)
-        for (r, _), number in self._number.items():
-            own[number] = r
-        kinds = [(self._robots[r].effects, of) for r, of in zip(own.tolist(), every, strict=True)]
-        lawless = np.array([not has_laws(effects) and DRIVEN not in of.modes for effects, of in kinds])
-        if not lawless.any():
+        items, every, robot = self._items, self._every, self._number
+        plain = ~np.array([DRIVEN in of.modes for of in every])[robot]
+        if not plain.any():
             return [], np.arange(len(items)), None
-        work = self._work_of(robot, lawless)
-        extended = np.array([len(extension(effects) or ()) for effects, _ in kinds])
+        fx_of = self._effects()
+        work = self._work_of(fx_of)
+        extended = np.array([len(extension(one.effects) or ()) for one in self._robots])[items.robot]
         level = np.zeros(len(items), bool)
-        for rows, fx in ((extended[robot] == 0, None), (extended[robot] > 0, self._effects(lawless))):
-            rows = rows & lawless[robot]
+        for rows, fx in ((extended == 0, None), (extended > 0, fx_of)):
+            rows = rows & plain
             if rows.any():
                 some = np.zeros(int(rows.sum()), bool)
-                mine = work._replace(robot=work.robot[rows], q=work.q[rows], v=work.v[rows])
+                mine = work._replace(robot=work.robot[rows], fx=work.fx[rows], q=work.q[rows], v=work.v[rows])
                 train_lanes.find_level(mine, fx, some)
                 level[rows] = some
         wheels = np.array([bool(np.isin(plan.kind, _OF_WHEELS).any()) for plan in self._plans])
@@ -207,26 +218,26 @@ class TrainWindows:
         groups: dict[tuple[Any, ...], list[int]] = {}
         for i in np.flatnonzero(together).tolist():
             of = int(robot[i])
-            key = (spacing[items.table[i]], every[of].parts, free[of], int(extended[of]))
+            key = (spacing[items.table[i]], every[of].parts, free[of], int(extended[i]), self._lawful[items.robot[i]])
             groups.setdefault(key, []).append(i)
         found = []
-        for (h, cut, moves, version), rows in groups.items():
+        for (h, cut, moves, version, lawful), rows in groups.items():
             mine = np.array(rows)
             order = mine[np.argsort(-items.knots[mine], kind="stable")]
             steps = round(h / self._dt) * cut
-            found.append(_Group(order, self._dt / cut, steps, np.array(moves), version))
+            found.append(_Group(order, self._dt / cut, steps, np.array(moves), version, lawful))
         return found, np.flatnonzero(~together), work
 
-    def _effects(self, lawless: NDArray[np.bool_]) -> NDArray[Any]:
-        """Effects of all prepared robots (p, modules); neutral ones where they have none, or laws."""
-        found = np.zeros((len(self._every), len(self._robots[0].modules)), RECORD_DTYPE)
-        for row, of, plain in zip(found, self._every, lawless, strict=True):
-            if of.fx is not None and plain:
-                row[:] = of.fx
-        return found
+    def _effects(self) -> NDArray[Any]:
+        """Effects of all robots but their laws (r, modules); zeros where they have none."""
+        found = np.zeros((len(self._robots), len(self._robots[0].modules), EFFECT_VALUES))
+        for row, fx in zip(found, self._fx, strict=True):
+            if fx is not None:
+                row[:] = fx.view(float).reshape(len(row), -1)[:, -EFFECT_VALUES:]  # laws stand before
+        return found.view(RECORD_DTYPE)[..., 0]
 
-    def _work_of(self, robot: Indices, lawless: NDArray[np.bool_]) -> Any:
-        """All that lanes need, for items of which the prepared robots are `robot`."""
+    def _work_of(self, fx: NDArray[Any]) -> Any:
+        """All that lanes need of all items; `fx` (r, modules) are the robots' effects."""
         from artibot_sim.model.kernels.train_lanes import TrainItems
 
         items, every, modules = self._items, self._every, len(self._robots[0].modules)
@@ -241,15 +252,15 @@ class TrainWindows:
         pairs, orders, kinds = _by_pairs(self._plans, modules)
         sizes = np.array([len(plan.t) for plan in self._plans])
         at = np.concatenate([plan.t[order] for plan, order in zip(self._plans, orders, strict=True)])
-        effects = flat(self._effects(lawless)).reshape(len(every), modules, EFFECT_VALUES)
+        effects = flat(fx).reshape(len(fx), modules, EFFECT_VALUES)
         states = [real(array).reshape(-1, modules, 8) for array in (items.q, items.v)]
         return TrainItems(
             np.array([of.modules for of in every]), np.array([of.joints for of in every]),
             np.array([of.eta.ravel() for of in every]), effects, np.concatenate([of.sensors for of in every]),
             np.array([of.modes for of in every]), np.array([of.factors for of in every], dtype=float), position,
-            velocity, torque, late_angle, late_speed, robot, begin[items.table] + items.first, whole(items.knots),
-            states[0], states[1], real(items.t), memory, whole(items.plan), pairs, at, np.concatenate(kinds),
-            np.concatenate(orders), self._ends - sizes[items.plan],
+            velocity, torque, late_angle, late_speed, self._number, whole(items.robot),
+            begin[items.table] + items.first, whole(items.knots), states[0], states[1], real(items.t), memory,
+            whole(items.plan), pairs, at, np.concatenate(kinds), np.concatenate(orders), self._ends - sizes[items.plan],
         )  # fmt: skip
 
     def _by_module(self, table: MotorTable) -> tuple[Array, ...]:
@@ -270,7 +281,7 @@ class TrainWindows:
         from artibot_sim.model.kernels import train_loop
 
         items, table = self._items, self._tables[self._items.table[i]]
-        of = self._every[self._number[int(items.robot[i]), int(items.table[i])]]
+        of, fx = self._every[self._number[i]], self._fx[items.robot[i]]
         plan = self._plans[items.plan[i]]
         first, knots, modules = int(items.first[i]), int(items.knots[i]), len(of.modules)
         turned, pulled, trailing = of.sensors[0, [ENCODER_SCALE, TORQUE_SCALE, VELOCITY_FILTER]]
@@ -285,8 +296,8 @@ class TrainWindows:
         )
         q, v = (array[i].reshape(modules, 8).copy() for array in (items.q, items.v))
         effects: tuple[Any, ...] = ()
-        if of.fx is not None:
-            fx, memory = of.fx.copy(), np.zeros((modules, MEMORY // 2))
+        if fx is not None:
+            fx, memory = fx.copy(), np.zeros((modules, MEMORY // 2))
             fx["t"] = items.t[i]
             if items.memory is not None:
                 memory = np.hstack(list(items.memory[i].reshape(4, modules, 4)))
@@ -306,13 +317,14 @@ class TrainWindows:
 
 
 class _Group(NamedTuple):
-    """Items that run side by side: which, their step (s), steps a knot, `free` modules, and version of the model."""
+    """Items that run side by side: which, their step (s), steps a knot, `free` modules, version of the model, laws."""
 
     order: Indices
     dt: float
     steps: int
     free: NDArray[np.bool_]
     extended: int
+    lawful: bool
 
 
 def _pair_of(kind: Indices) -> Indices:

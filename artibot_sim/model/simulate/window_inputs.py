@@ -9,7 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.equations.transmission import Mode
+from artibot_sim.model.robot.robot import Robot
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -167,3 +169,27 @@ def whole(values: Indices) -> Indices:
 def real(values: Array) -> Array:
     """Numbers as compiled code takes them: float64, contiguous."""
     return np.array(values, dtype=np.float64, order="C")
+
+
+def by_numbers(robots: Sequence[Robot]) -> tuple[list[Robot], Indices]:
+    """The robots that differ in the paper's numbers or in their sensors, and which of them each one is like.
+
+    Robots are alike that are made of the very same parts (objects), whatever their effects do in the extended model
+    only: a search for forces asks for thousands of these.
+    """
+    places: dict[tuple[int, ...], int] = {}
+    different: list[Robot] = []
+    like = np.empty(len(robots), np.int64)
+    for i, robot in enumerate(robots):
+        bodies = robot.front, robot.back, robot.trailing
+        parts = (*bodies, robot.wheel, robot.contact, robot.drive, robot.control, robot.readings)
+        changing = [values for name, values in robot.effects.items() if name in _CHANGING]
+        key = (*map(id, parts), *map(id, changing))
+        if key not in places:
+            places[key] = len(different)
+            different.append(robot)
+        like[i] = places[key]
+    return different, like
+
+
+_CHANGING = frozenset(name for name, effect in EFFECTS.items() if effect.adapt or effect.sensor)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.analysis.stability import largest_step, rigid_limit, slip_speedup, slip_time
-from artibot_sim.model.effects import EFFECTS, RECORD_DTYPE, has_laws, has_memory, record
+from artibot_sim.model.effects import RECORD_DTYPE, has_laws, has_memory, record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
 from artibot_sim.model.kernels.advance import advance
@@ -40,7 +40,15 @@ from artibot_sim.model.simulate.batch import available_cores
 from artibot_sim.model.simulate.rollout import unlimited_beside_prescribed
 from artibot_sim.model.simulate.sensors import sensor_errors
 from artibot_sim.model.simulate.train_windows import TrainWindows, train_step
-from artibot_sim.model.simulate.window_inputs import Items, MotorTable, SamplingPlan, longest_step, real, whole
+from artibot_sim.model.simulate.window_inputs import (
+    Items,
+    MotorTable,
+    SamplingPlan,
+    by_numbers,
+    longest_step,
+    real,
+    whole,
+)
 
 if TYPE_CHECKING:
     from artibot_sim.model.kernels.window_lanes import WindowItems
@@ -189,30 +197,6 @@ class Fleet:
         )
         records = np.array(every, dtype=PARAMS_DTYPE)
         return cls(robots, records[like], eta[like], effects, laws, extended, share[like], sensors[like])
-
-
-def by_numbers(robots: Sequence[Robot]) -> tuple[list[Robot], Indices]:
-    """The robots that differ in the paper's numbers or in their sensors, and which of them each one is like.
-
-    Robots are alike that are made of the very same parts (objects), whatever their effects do in the extended model
-    only: a search for forces asks for thousands of these.
-    """
-    places: dict[tuple[int, ...], int] = {}
-    different: list[Robot] = []
-    like = np.empty(len(robots), np.int64)
-    for i, robot in enumerate(robots):
-        bodies = robot.front, robot.back, robot.trailing
-        parts = (*bodies, robot.wheel, robot.contact, robot.drive, robot.control, robot.readings)
-        changing = [values for name, values in robot.effects.items() if name in _CHANGING]
-        key = (*map(id, parts), *map(id, changing))
-        if key not in places:
-            places[key] = len(different)
-            different.append(robot)
-        like[i] = places[key]
-    return different, like
-
-
-_CHANGING = frozenset(name for name, effect in EFFECTS.items() if effect.adapt or effect.sensor)
 
 
 def level(fleet: Fleet, items: Items) -> Mask:
