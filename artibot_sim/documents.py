@@ -47,7 +47,7 @@ def load_document(kind: str, name: str | os.PathLike[str], what: str, build: Cal
 
 
 def read_document(path: Path, what: str, build: Callable[[Any, str], Built]) -> Built:
-    """As `load_document`, of a YAML file that is known by its path."""
+    """What `build` makes of the YAML file at `path`; `what` it is stands in error messages."""
     try:
         if path.stat().st_size > LARGEST:
             raise ArtibotError(f"{path}: larger than {LARGEST} bytes, expected a {what} file")

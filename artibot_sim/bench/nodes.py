@@ -458,7 +458,7 @@ def _bus(folder: str, scenario: Scenario) -> Iterator[str]:
 
 @contextmanager
 def _bus_and_server(folder: str, scenario: Scenario) -> Iterator[tuple[str, subprocess.Popen[bytes] | None]]:
-    """As `_bus`, with the process that serves a loopback bus."""
+    """A CAN channel to drive on, and the process that serves it where it is a loopback bus."""
     flags = Path("/sys/class/net") / VCAN / "flags"
     if flags.exists() and int(flags.read_text(encoding="ascii"), 0) & 1:
         yield VCAN, None

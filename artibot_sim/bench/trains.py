@@ -90,7 +90,10 @@ class Now(NamedTuple):
 
 @njit
 def _train_law(n, own, call, fed, command, load, rims, first, now):  # type: ignore[no-untyped-def]
-    """As `mujoco_peer` has it of two modules; `own` is (modules, 9): r_0, half spacings, gear, and share of eq. 30."""
+    """Wheel forces and motors of a train, which MuJoCo asks for at every stage of a step.
+
+    `own` is (modules, 9): r_0, half spacings, gear, and share of eq. 30.
+    """
     qpos, qvel, xpos, xmat, cvel, com, qfrc, xfrc = now
     stage, step = call % n.stages, call // n.stages
     sides = 2 * len(own)

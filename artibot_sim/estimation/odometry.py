@@ -212,7 +212,10 @@ class PoseError:
         return self.covariance_with((0.0, 0.0, 0.0))
 
     def covariance_with(self, passed: tuple[float, float, float]) -> Array:
-        """As `covariance`, with an error more of x, y and yaw (standard deviations, all by the same cause)."""
+        """Mean squared error of x, y and yaw, shape (3, 3), with one error more.
+
+        `passed` are its standard deviations (m, m, rad), all by the same cause.
+        """
         slip = self.slip
         xx, xy, xt, yy, yt, tt = self._changing
         for size, (x, y, yaw) in (

@@ -125,7 +125,10 @@ def reduce(problem: Problem, loss: Loss, residuals: Parts, sensitivity: Sensitiv
 def eliminated(
     problem: Problem, weight: Array, residuals: Parts, sensitivity: Sensitivity, starts: Array
 ) -> tuple[Reduced, Array]:
-    """As `reduce` with the samples' weights (n,), and each window's weighted squares (windows,) at its best start."""
+    """Normal equations of the parameters, starts eliminated, and each window's weighted squares at its best start.
+
+    `weight` (n,) are the samples'; the squares are (windows,).
+    """
     p = len(sensitivity.parameters)
     rows = np.concatenate([sensitivity.parameters, sensitivity.starts, residuals.flat[None]])
     weighted = rows * weight

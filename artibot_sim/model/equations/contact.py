@@ -215,7 +215,7 @@ def within_friction(body, fx, F_l, F_t, F_n, N, mu_s, mu_d, slip_l, slip_t, here
 
 @inlined
 def within_friction_lanes(body, fx, F_l, F_t, F_n, N, mu_s, mu_d, slip_l, slip_t, here):
-    """As `within_friction` without a branch, so that loops over many rovers become vector code."""
+    """Eq. 16 for a wheel without a branch, so that loops over many rovers become vector code; see `within_friction`."""
     F_h2 = F_l * F_l + (F_t * F_t + 1e-30)  # so that there is a root to divide by
     limit = mu_s * N
     if fx is not None:

@@ -20,7 +20,7 @@ from artibot_sim.model.robot.robot import Robot
 
 @inlined
 def sincos_small(angle):
-    """As `sincos`, quicker for roll and pitch, which hardly ever leave ±0.01 rad."""
+    """Sine and cosine, quicker than `sincos` for roll and pitch, which hardly ever leave ±0.01 rad."""
     if abs(angle) > 0.01:
         return sincos(angle)
     y = angle * angle

@@ -356,7 +356,7 @@ def side_forces(p, fx, at, side, forces):
 
 @inlined
 def generalised_forces(p, fx, at, sides, right, left, module, w):
-    """As `contact.generalised_forces`: six numbers, with that on beta at the end."""
+    """The wheels' forces on a module's x, y, z, alpha, gamma and, at the end, beta (eqs 17, 18), also into the row."""
     f_x, f_y, z, m_a, m_g, m_b = add6(side_forces(p, fx, at, sides[0], right), side_forces(p, fx, at, sides[1], left))
     x, y = at.c_g * f_x - at.s_g * f_y, at.s_g * f_x + at.c_g * f_y
     o = Q_C + 6 * module

@@ -408,7 +408,7 @@ def inlined(function: Function) -> Function:
 
 
 def called(function: Function) -> Function:
-    """As `inlined`, but a function of its own: for what is long, asked for in many places and seldom needed.
+    """A piece of the model that stays a function: for what is long, asked for in many places and seldom needed.
 
     Numba must be told: what is said of a caller holds for whatever it calls, unless that is said to be otherwise.
     """

@@ -162,7 +162,7 @@ def log(x):
 
 @inlined
 def tanh_alone(x):
-    """As `tanh`, to the bit, and sooner where it is ±1: with a branch, for one rover alone."""
+    """`tanh` to the bit, sooner where it is ±1: it branches, for one rover alone."""
     if abs(x) > 20.0:
         return math.copysign(1.0, x)
     return tanh(x)

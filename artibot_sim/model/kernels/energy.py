@@ -122,7 +122,7 @@ def wheel_powers(body, p, fx, q, v, module, base, number, w, out):
 
 @inlined
 def uneven_powers(body, p, fx, ground, q, v, b, number, w, out):
-    """As `wheel_powers` on uneven ground, where the normal force is the gradient of what its spring stores.
+    """Powers of a module's wheels on uneven ground, where the normal force is the gradient of what its spring stores.
 
     `E_offset` holds what the height does at which forces act, too (effect `com_height`).
     """

@@ -468,7 +468,7 @@ def module_forces(p, fx, module, q, v, trig, commands, lags, dt, w):
 
 @inlined
 def module_on_uneven(p, fx, ground, module, q, v, trig, commands, lags, dt, w):
-    """As `module_forces` on uneven `ground`.
+    """Motors, wheels and forces of one module on uneven `ground`.
 
     Returns
     -------

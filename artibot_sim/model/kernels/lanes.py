@@ -95,7 +95,7 @@ def drag_motors(S, fx, k, t):
 
 @inlined
 def ask_loop(S, effects, k, j):
-    """As `integrators.wind_up`, at the first stage, and what the loop of a motor of a lane asks for then."""
+    """What the velocity loop of a motor of a lane asks for; at the first stage its integral is brought up to date."""
     driven, trail, before = S[AT.MODE + j] == DRIVEN, S[AT.TRAIL_S + j], S[AT.TRAIL + j]
     if k == 0:
         grown = trail - before if before == before else 0.0
@@ -145,7 +145,7 @@ def hold_torques(S):
 
 @inlined
 def hold_motor(S, j, shared):
-    """As `hold_torques` for one motor of a lane."""
+    """Fix for a step what eq. 21 makes of a motor's efficiency, and its torque: the commanded one, or eq. 30's."""
     given = S[AT.GIVEN + j]
     torque = given if given == given else shared
     gear, inertia = reflect(S[AT.TAU + j], S[AT.J_M + j], S[AT.J_W + j], S[AT.GEAR + j])
@@ -403,7 +403,7 @@ def move_modules(S, fx, t):
 
 @inlined
 def move_rigid(S, fx, t):
-    """As `move_modules` for rigid robots: of the module that they have."""
+    """Forces and accelerations at a stage of rigid robots: of the one module that they have."""
     for e in range(LANES):
         ground, body = ground_of(S, AT.GROUND + e), body_of(S, AT.BODY_F + e)
         q, v = AT.Q_S + e, AT.V_S + e
@@ -463,7 +463,7 @@ def step_lane(S, k, dt, j):
 
 @inlined
 def next_lag(S, count, k, dt):
-    """As `next_state` for what wheels remember, the first `count` numbers of it."""
+    """The first `count` numbers of what wheels remember from stage `k` to the next; after the last one advance them."""
     for j in range(count * LANES):
         x, total = next_stage_of_lag(k, dt, S[AT.LAG + j], S[AT.LAG_RATE + j], S[AT.SUM_LAG + j])
         S[AT.LAG_S + j], S[AT.SUM_LAG + j] = x, total

@@ -219,7 +219,10 @@ def next_state(k, q, v, dt, w, q_s, v_s, first, total):
 
 @inlined
 def next_lag(k, count, memory, dt, lag, sum_lag):
-    """As `next_state` for what wheels remember, `count` numbers; `lag` holds the stage's and then their rates."""
+    """What wheels remember, `count` numbers, from stage `k` to the next; after the last one advance `memory`.
+
+    `lag` holds the stage's and then their rates.
+    """
     if len(memory) == 0:
         return
     kept = memory[0]
@@ -362,7 +365,10 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
 
 @kernel
 def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), ground=()):
-    """As `integrate_rk4`; a row's contributions are those that act from its state to the next."""
+    """Advance the state in place by semi-implicit steps, for the same arguments as `integrate_rk4`.
+
+    A row's contributions are those that act from its state to the next.
+    """
     (q, v, eta, previous, behind), (dt, steps, every, _) = state, grid
     w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, _ = work
     (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)

@@ -119,7 +119,7 @@ def feed_torques(p, fx, now, v, modes, hold, dt, eta, previous):
 
 @inlined
 def feed_torque(unit, fx, acting, theta_dot, motor, modes, hold, dt, eta, previous):
-    """As `feed_torques` for one motor."""
+    """What the next step takes from one motor: its torque (eq. 30) and its efficiency (eq. 23)."""
     previous[motor] = acting.M_m
     eta[motor] = next_efficiency(unit, fx, acting, theta_dot, motor, modes, hold, dt)
 
@@ -145,7 +145,7 @@ def begin(q, v, p, fx, w):
 
 @kernel
 def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
-    """As `loop.integrate_rk4` for a rover that stands level; LEAVES for another."""
+    """RK4 steps of a rover that stands level, for the same arguments as `loop.integrate_rk4`; LEAVES for another."""
     (q, v, eta, previous, behind), (dt, steps, every, knot_steps) = state, grid
     if not level(p, fx, q, v):
         return LEAVES, 0
@@ -204,7 +204,7 @@ def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
 
 @kernel
 def level_semi(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
-    """As `loop.integrate_semi_implicit` for a rover that stands level; LEAVES for another."""
+    """Semi-implicit steps of a rover that stands level, arguments as `loop.integrate_rk4` has; LEAVES for another."""
     (q, v, eta, previous, behind), (dt, steps, every, knot_steps) = state, grid
     if not level(p, fx, q, v):
         return LEAVES, 0

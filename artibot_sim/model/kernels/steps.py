@@ -69,7 +69,7 @@ def next_stage(k, dt, x, v, speed, acceleration, first, total):
 
 @inlined
 def next_stage_of_lag(k, dt, x, rate, total):
-    """As `next_stage` for what has a rate `rate` and no acceleration; `total` sums the weighted rates.
+    """From stage `k` to the next of a number with a `rate` and no acceleration; `total` sums the weighted rates.
 
     Returns
     -------

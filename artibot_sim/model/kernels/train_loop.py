@@ -626,7 +626,7 @@ def next_state(k, q, v, dt, w, q_s, v_s, first, total):
 
 @inlined
 def next_lag(k, count, memory, dt, lag, rate, sum_lag):
-    """As `next_state` for what wheels remember, `count` numbers a module."""
+    """What wheels remember, `count` numbers a module, from stage `k` to the next; after the last, advance `memory`."""
     for i in range(memory.shape[0]):
         for c in range(count):
             lag[i, c], sum_lag[i, c] = next_stage_of_lag(k, dt, memory[i, c], rate[i, c], sum_lag[i, c])
@@ -712,7 +712,10 @@ def train_rk4(state, modules, joints, inputs, grid, work, out, out_e, fx=None, m
 
 @kernel
 def train_semi_implicit(state, modules, joints, inputs, grid, work, out, out_e, fx=None, memory=None):
-    """As `train_rk4`; a row's contributions are those that act from its state to the next."""
+    """Advance the state in place by semi-implicit steps, for the same arguments as `train_rk4`.
+
+    A row's contributions are those that act from its state to the next.
+    """
     (q, v, eta, previous, behind), (dt, steps, every, knot_steps) = state, grid
     w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, lag_rate, _, chain = work
     start, count = begin_effects(fx, memory, lag)

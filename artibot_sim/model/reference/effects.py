@@ -93,7 +93,7 @@ class PlainEffects:
         return replace(self, values={name: values for name, (_, values) in in_pair(self.values, behind).items()})
 
     def with_motion_of_pair(self, behind: int, p: Train, q: Array, v: Array) -> PlainEffects:
-        """As `in_pair`, where laws see the pair and its joint in n modules at q and v (8 n,)."""
+        """What acts in the pair of the front module and that `behind`; laws see it and its joint at q and v (8 n,)."""
         k, places = 8 * behind, (0, behind)
         wheels = [
             motor.tau * q[8 * i + 6 + side]
@@ -114,7 +114,7 @@ class PlainEffects:
 
     @cached_property
     def _record(self) -> SimpleNamespace:
-        """As `effects.record`: each effect's parameters under its name."""
+        """Each effect's parameters under its name, as `effects.record` has them for compiled code."""
         working = at_work(self.values)
         known: dict[str, Any] = {"t": self.t}
         for name, effect in EFFECTS.items():
