@@ -39,7 +39,7 @@ from artibot_sim.diagnose.timetable import StageReport, Task, TimeLimit, Timetab
 from artibot_sim.diagnose.unlisted.finding import unexplained_of
 from artibot_sim.diagnose.unlisted.fitting import law_of
 from artibot_sim.diagnose.validation.error_budget import error_budget
-from artibot_sim.diagnose.validation.explainable import explainable, model_of
+from artibot_sim.diagnose.validation.explainable import FEWEST, explainable, model_of
 from artibot_sim.diagnose.validation.predictions import Worth
 from artibot_sim.diagnose.validation.predictors import best_of, predictors, refusals
 from artibot_sim.diagnose.validation.residuals import places
@@ -123,7 +123,8 @@ def _diagnosed(
     problem, fit = parts.once(
         "soil identified", lambda: best_fit(every.problem.part(every.rows), Effort(), ticks, TRUST)
     )
-    ticks.leave_out(*_nothing_to_do(every, problem, fit))
+    predicted = sum(int(one.duration / options.horizon) for one in (*fitted, *held))
+    ticks.leave_out(*_nothing_to_do(every, problem, fit, predicted))
     naming = Naming(problem, fit, options, ticks, view, every if every.times > 1.0 else None)
     decision = naming.decide()
     assessor = Assessor(robot, fitted, held, options, ticks, view)
@@ -147,13 +148,13 @@ def _diagnosed(
     return replace(result, seconds=parts.elapsed)
 
 
-def _nothing_to_do(every: EveryWindow, problem: Problem, fit: Fit) -> Iterator[Task]:
-    """Stages of which it is known beforehand that there are none."""
+def _nothing_to_do(every: EveryWindow, problem: Problem, fit: Fit, predicted: int) -> Iterator[Task]:
+    """Stages of which it is known beforehand that there are none, with so many windows to be `predicted`."""
     if every.times <= 1.0:
         yield Task.WINDOWS
     if not leaves_more_than_noise(remains(problem, fit.point)):
         yield Task.FORCES
-    if not can_grow():
+    if predicted < FEWEST or not can_grow():
         yield Task.EXPLAINABLE
 
 

@@ -28,7 +28,7 @@ class Task(Enum):
     SOIL = "identifying the soil", 3.0, 3.0
     SEARCH = "looking for effects", 20.0, 20.0
     WINDOWS = "asking all windows", 8.0, 8.0
-    LEAVING_OUT = "leaving out each effect", 7.0, 0.5
+    LEAVING_OUT = "leaving out each effect", 7.0, 0.0
     FORCES = "looking for forces on no list", 13.0, 13.0
     INTERVALS = "how sure sizes are", 10.0, 1.5
     PREDICTIONS = "predicting all recordings", 7.0, 2.0
@@ -131,11 +131,11 @@ class Timetable:
         search = self._search_takes
         if search is None:
             return None
-        here = self._durations(self._task) * search
         if self._task is Task.SEARCH:
             here = search * (1.0 - self._part)
-        later = sum(map(self._durations, self._later)) * search
-        return max(here - (0.0 if self._task is Task.SEARCH else self._spent), 0.0) + later
+        else:
+            here = max(self._durations(self._task) * search - self._spent, 0.0)
+        return here + sum(map(self._durations, self._later)) * search
 
     @property
     def _search_takes(self) -> float | None:
@@ -149,8 +149,8 @@ class Timetable:
 
     def _durations(self, task: Task) -> float:
         """How long a stage takes beside a search."""
-        times = max(self._named - 1, 0) if task is Task.LEAVING_OUT else 1
-        return (times * task.duration if self._named else task.unnamed) / Task.SEARCH.duration
+        times = max(self._named - 1, 0) if task is Task.LEAVING_OUT else int(task in self._stages)
+        return times * (task.duration if self._named else task.unnamed) / Task.SEARCH.duration
 
     @property
     def _spent(self) -> float:

@@ -62,7 +62,7 @@ def test_the_time_left_follows_from_what_searches_take_here(pace: float) -> None
         table()
         if part == 30:
             search = pace * Task.SEARCH.duration * 19 / 50
-            later = (Task.LEAVING_OUT, Task.FORCES, Task.INTERVALS, Task.PREDICTIONS, Task.MODELS, Task.ERRORS)
+            later = (Task.FORCES, Task.INTERVALS, Task.PREDICTIONS, Task.MODELS, Task.ERRORS)
             assert table.left == pytest.approx(search + pace * sum(task.unnamed for task in later))
             assert "left" in told[-1] and "more for each effect found" in told[-1]
     table.begin(Task.SEARCH, "beside slope, gear drag", named=3)

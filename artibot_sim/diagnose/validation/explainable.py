@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 CHANNELS = ("position", "yaw")
 """What corrections of velocities change directly."""
 _FOLDS = 5
-_FEWEST = 8
+FEWEST = 8
 """Windows without which nothing is learned."""
 _DRAWS = 500
 
@@ -92,7 +92,7 @@ def explainable(
     motors = known_motors(held)
     every = [pieces(one, robot, motors) for one in held]
     flat = [piece for some in every for piece in some]
-    if len(flat) < _FEWEST or not can_grow():
+    if len(flat) < FEWEST or not can_grow():
         return {}, []
     fold = folds([one.experiment.name for one in held], [len(some) for some in every])
     squares = np.array([piece.squares(np.zeros_like(piece.missing)) for piece in flat])
