@@ -452,7 +452,8 @@ def gain_words(found: Diagnosis) -> str:
     words = channel_words(channel)
     gain = found.gain.get(channel)
     if found.refusal is not None:
-        return f"{found.refusal.better.capitalize()} predicts held-out data better: extended.yaml is refused."
+        better = found.refusal.better
+        return f"{better[:1].upper()}{better[1:]} predicts held-out data better: extended.yaml is refused."
     if found.extends and gain is not None and gain.after < gain.before:
         with_it = "them" if len(found.causes) > 1 else "either" if found.verdict is Verdict.AMBIGUOUS else "it"
         if found.verdict is Verdict.UNEXPLAINED:

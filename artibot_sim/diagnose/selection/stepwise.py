@@ -201,7 +201,8 @@ class Naming:
 
     def _search_stage(self, problem: Problem, fit: Fit, loss: Loss) -> SearchStage:
         begun = time.perf_counter()
-        self._ticks.begin(Task.SEARCH, _search_name(self._names), named=len(self._fitted()))
+        beside_what = _search_name(self._names) or ("beside a better soil" if self._again else "")
+        self._ticks.begin(Task.SEARCH, beside_what, named=len(self._fitted()))
         of, soils = self._soils
         beside = [soil for soil in soils if self._rounds.differ(problem, fit, soil)] if of is problem else ()
         asked = [name for name, one in self._from_commands.items() if one.nats >= self._options.least]
