@@ -79,7 +79,7 @@ _NUMBER = re.compile(r"\{(\w+)(-1)?(?:\|([^|}]*)\|([^|}]*))?\}")
 
 
 def claim_words(cause: Cause) -> str:
-    """What a cause says of the rover, to be checked on it; empty for effects that make no such claim."""
+    """What a cause says of the rover, to be checked on it; empty where there is no claim, or numbers lack."""
 
     def said(match: re.Match[str]) -> str:
         name, from_one, positive, negative = match.groups()
@@ -93,7 +93,8 @@ def claim_words(cause: Cause) -> str:
         return f"{words} {positive if value >= 0.0 else negative}" if positive else words
 
     claim = EFFECTS[cause.effect].claim if cause.effect in EFFECTS else ""
-    return _NUMBER.sub(said, claim)
+    known = all(name in cause.parameters for name, *_ in _NUMBER.findall(claim))
+    return _NUMBER.sub(said, claim) if known else ""
 
 
 def force_words(what: Unexplained) -> str:

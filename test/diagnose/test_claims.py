@@ -36,4 +36,4 @@ def test_sides_and_sizes_are_in_words() -> None:
     assert "5.2 % smaller than left ones" in claim_words(cause("wheel_radius_mismatch", relative=-0.052))
     assert "6.7 % smaller than the robot file's" in claim_words(cause("wheel_radius", scale=0.933))
     assert "4.0 % too large" in claim_words(cause("encoder_scale", scale=1.04))
-    assert claim_words(cause("joint_friction", torque=10.0)) == ""
+    assert claim_words(cause("joint_friction", torque=10.0)) == claim_words(cause("pose_lever_arm", x=0.1)) == ""
