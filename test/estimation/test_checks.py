@@ -23,6 +23,7 @@ BOTH_WAYS = Manoeuvre(
      Straight(length=2.0), Stop(), Ramp(speed=0.5), Straight(length=2.0), Stop(), Dwell(1.0)),
     a_max=0.5, blend=0.3,
 )  # fmt: skip
+TWICE = replace(BOTH_WAYS, segments=2 * BOTH_WAYS.segments)
 LEFT = Manoeuvre("left", (Dwell(0.5), Ramp(speed=0.6), Arc(radius=2.0, angle=4.0), Stop()), a_max=0.5)
 AHEAD = Manoeuvre("ahead", (Dwell(0.5), Ramp(speed=0.6), Straight(length=10.0), Stop()), a_max=0.5)
 SHORT = Manoeuvre("short", (Dwell(0.5), Ramp(speed=0.6), Straight(length=1.0), Stop(), Dwell(20.0)), a_max=0.5)
@@ -36,6 +37,11 @@ def agriq() -> Robot:
 @pytest.fixture(scope="module")
 def good(agriq: Robot) -> Experiment:
     return synthetic(agriq, BOTH_WAYS, seed=1, name="good")
+
+
+@pytest.fixture(scope="module")
+def long(agriq: Robot) -> Experiment:
+    return synthetic(agriq, TWICE, seed=1, duration=90.0, name="long")
 
 
 def changed(run: Experiment, key: str, **columns: np.ndarray) -> Experiment:
@@ -101,13 +107,19 @@ def test_repeated_samples_are_said(good: Experiment, agriq: Robot) -> None:
     ],
 )
 def test_a_clock_that_is_off_is_said_with_its_offset(
-    good: Experiment, agriq: Robot, key: str, by: float, name: str
+    long: Experiment, agriq: Robot, key: str, by: float, name: str
 ) -> None:
-    (found,) = findings(shifted(good, key, by), agriq)
-    assert (found.name, found.topic) == (name, good.channels[key].topic)
+    (found,) = findings(shifted(long, key, by), agriq)
+    assert (found.name, found.topic) == (name, long.channels[key].topic)
     assert found.value == pytest.approx(by, abs=0.03)
     assert found.interval[0] <= by + 0.03 and found.interval[1] >= by - 0.03
     assert ("late" if by > 0 else "early") in found.text
+
+
+def test_a_short_recording_claims_no_delay(good: Experiment, agriq: Robot) -> None:
+    """Fewer than six stretches of 8 s do not show how delays scatter from one to the next."""
+    for key in ("imu", "joint_states", "total_station"):
+        assert not findings(shifted(good, key, 0.15), agriq)
 
 
 def test_a_clock_that_runs_away_is_said(good: Experiment, agriq: Robot) -> None:
