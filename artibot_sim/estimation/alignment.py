@@ -12,16 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.estimation.checks.clocks import DELAYS
+from artibot_sim.estimation.checks.comparisons import Finding, compare_streams, pose_channel
 from artibot_sim.estimation.checks.findings import (
-    DELAYS,
     GYRO_TURNED,
     SHORTEST,
-    Finding,
-    compare_streams,
     findings,
     imu_tilt,
     level,
-    pose_channel,
     with_columns,
     with_signs,
     without_leaps,

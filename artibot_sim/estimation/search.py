@@ -244,7 +244,7 @@ def first_guesses(problem: Problem, effort: Effort, effects: Array | None = None
     drawn[:, stiffness[1:]] = drawn[:, stiffness[:1]]  # along and across wheels it is much the same
     widths = np.array([_DRAWS * key.startswith("contact.") for key in own])
     widths[stiffness] = _STIFFNESS_DRAWS
-    other = np.zeros((3, len(own)))
+    other = np.zeros((_CONTINUED, len(own)))
     other[1, stiffness], other[2, stiffness] = -_OTHER_STIFFNESS, _OTHER_STIFFNESS
     moves = np.concatenate([other, widths * drawn])[: effort.starts] * parameters.spread[: len(own)]
     return [parameters.inside(parameters.coordinates(parameters.at(move), effects)) for move in moves]

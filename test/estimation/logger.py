@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from artibot_sim.estimation.checks.findings import ACCELERATIONS, RATES, Finding, findings
+from artibot_sim.estimation.checks.comparisons import Finding
+from artibot_sim.estimation.checks.findings import ACCELERATIONS, RATES, findings
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.identify.synthetic import random_soil
 from artibot_sim.model import Commands, Robot, load_robot, rollout

@@ -11,7 +11,8 @@ from estimation.logger import FLAWS, Logger, age, drive, recorded, robot_of
 
 from artibot_sim.estimation import alignment
 from artibot_sim.estimation.alignment import aligned, restamped, what_is_left, what_was_mended
-from artibot_sim.estimation.checks.findings import compare_streams, leaps_of
+from artibot_sim.estimation.checks.comparisons import compare_streams
+from artibot_sim.estimation.checks.findings import leaps_of
 from artibot_sim.estimation.checks.wheels import clock_faults
 from artibot_sim.estimation.streams import segments_of
 from artibot_sim.experiment import read_bag

@@ -15,7 +15,8 @@ from estimation.logger import BESIDE, FLAWS, WANTED, Logger, drive, recorded, si
 from artibot_sim.cli.check import command
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.alignment import on_one_clock, what_is_wrong
-from artibot_sim.estimation.checks.findings import compare_streams, findings
+from artibot_sim.estimation.checks.comparisons import compare_streams
+from artibot_sim.estimation.checks.findings import findings
 from artibot_sim.estimation.checks.recordings import require_usable
 from artibot_sim.estimation.checks.report import check
 from artibot_sim.estimation.streams import holding

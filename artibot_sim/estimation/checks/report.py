@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.checks.findings import Finding, StreamComparisons, compare_streams, findings
+from artibot_sim.estimation.checks.comparisons import Finding, StreamComparisons, compare_streams
+from artibot_sim.estimation.checks.findings import findings
 from artibot_sim.estimation.checks.recordings import doubts, require_usable
 from artibot_sim.estimation.streams import Delay
 from artibot_sim.experiment import Channel, Experiment

@@ -6,15 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from artibot_sim.estimation.checks.findings import (
-    COLUMNS,
-    DELAYS,
-    Finding,
-    StreamComparisons,
-    agreeing,
-    articulation_after_modules,
-    body_after_wheels,
-)
+from artibot_sim.estimation.checks.clocks import DELAYS, articulation_after_modules, body_after_wheels
+from artibot_sim.estimation.checks.comparisons import Finding, StreamComparisons, agreeing
+from artibot_sim.estimation.checks.findings import COLUMNS
 from artibot_sim.estimation.streams import Delay, holding
 
 StreamTable = Mapping[str, Mapping[str, Mapping[str, Any]]]
