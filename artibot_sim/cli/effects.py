@@ -49,18 +49,22 @@ def list_() -> None:
 @click.argument("name")
 @effects_option
 def show(name: str) -> None:
-    """One effect: its physics, and each parameter with unit, bounds and neutral value."""
+    """One effect: its physics, one of your own as a formula, and each parameter with unit, bounds, neutral value."""
     from rich.console import Console
 
     from artibot_sim.documents import did_you_mean
     from artibot_sim.errors import ArtibotError
     from artibot_sim.model.effects import EFFECTS
     from artibot_sim.model.effects.base import Choice
+    from artibot_sim.model.effects.force_law import formula
 
     if name not in EFFECTS:
         raise ArtibotError(f"{name}: unknown effect{did_you_mean(name, EFFECTS)}; known: {', '.join(EFFECTS)}")
     effect, console = EFFECTS[name], Console(highlight=False)
     console.print(f"{name}: {effect.doc}", markup=False)
+    if effect.law is not None and effect.search is not None:
+        others = {key: parameter.neutral for key, parameter in effect.parameters.items()}
+        console.print(f"  typically {formula(effect.law(others | effect.search.sizes))}", markup=False)
     for key, parameter in effect.parameters.items():
         quantity, neutral = parameter.quantity, parameter.neutral
         if isinstance(quantity, Choice):

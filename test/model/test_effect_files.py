@@ -99,6 +99,10 @@ def changed(*path: str, to: object) -> dict:
         (changed("law", "where", to="roof"), "f.yaml: law.where: found 'roof', expected one of front_surge"),
         (changed("law", "times", to="slip"), "f.yaml: law.times: 'slip' means nothing to the torque of motor"),
         (changed("law", "times_scale", to="x"), "f.yaml: law.times_scale: found 'x', expected a number"),
+        (changed("law", "times", to=None), "f.yaml: law.times_form: 'coulomb' needs a variable"),
+        (changed("law", "times_form", to=None), "f.yaml: law.times_form: 'constant' does not follow the speed"),
+        (changed("description", to=" "), "f.yaml: description: found nothing"),
+        (changed("parameters", "scale", "low", to=-1.0), "f.yaml: parameters.scale.low: -1 SI is out of bounds"),
         (changed("law", "scale", to=3.0), "f.yaml: law.scale: is one of the parameters, too"),
         (changed("parameters", "size", to=None), "f.yaml: parameters.size: missing"),
         (changed("parameters", "size", "unit", to="N"), "f.yaml: parameters.size.unit: found 'N', expected 'N m'"),
@@ -121,6 +125,21 @@ def test_a_built_in_effect_keeps_its_name(tmp_path, forgets):
     with pytest.raises(ArtibotError, match=f"{path}: id: 'slope' is a built-in effect"):
         load_folder(tmp_path / "mine")
     assert main(["effects", "check", str(path)]) == 2
+
+
+def test_two_files_of_a_folder_do_not_declare_the_same_effect(tmp_path, forgets):
+    first = written(tmp_path / "mine")
+    second = first.rename(first.with_name("another.yaml"))
+    written(tmp_path / "mine")
+    with pytest.raises(ArtibotError, match=f"{first}: id: 'cold_gear' is that of {second}, too"):
+        load_folder(tmp_path / "mine")
+
+
+def test_an_effect_of_a_file_is_shown_as_a_formula(tmp_path, forgets, capsys):
+    written(tmp_path / "mine")
+    assert main(["effects", "show", "cold_gear", "--effects", str(tmp_path / "mine")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "torque of motor front_left = 0.13 N m · exp(−|time since the start / 8 s|) · tanh(speed / 0.02 m/s)" in said
 
 
 def test_text_that_is_no_yaml_is_refused_by_the_command(tmp_path, forgets, capsys):

@@ -121,7 +121,8 @@ def laws() -> list[dict[str, object]]:
         variable = known[1 + k % (len(known) - 1)] if form != "constant" else "nothing"
         law = {"size": rng.normal(), "where": where, "variable": variable, "form": form, "scale": rng.uniform(0.2, 2.0)}
         if k % 3:
-            second = {"times": known[1 + 7 * k % (len(known) - 1)], "times_form": list(FORMS)[4 * k % len(FORMS)]}
+            times_form = list(FORMS)[1 + 4 * k % (len(FORMS) - 1)]
+            second = {"times": known[1 + 7 * k % (len(known) - 1)], "times_form": times_form}
             law |= second | {"times_scale": rng.uniform(0.2, 2.0)}
         found.append(law | {"exponent": 1.6, "phase": 0.7, "direction": 2.1, "offset": -0.6})
     return found
@@ -158,6 +159,9 @@ def answering(answer):
         ({"where": "front_yaw", "variable": "slip", "form": "linear"}, "force_law.variable: 'slip' means nothing to"),
         ({"where": "joint", "variable": "place", "times": "load"}, "force_law.times: 'load' means nothing to the yaw"),
         ({"where": "joint", "form": "linear"}, "force_law.form: 'linear' needs a variable"),
+        ({"where": "joint", "times_form": "linear"}, "force_law.times_form: 'linear' needs a variable"),
+        ({"where": "joint", "variable": "time"}, "force_law.form: 'constant' does not follow the time since the start"),
+        ({"where": "joint", "times": "place"}, "force_law.times_form: 'constant' does not follow the place"),
         ({"where": "roof"}, "force_law.where: found 'roof', expected one of front_surge"),
         ({"scale": 0.0}, "force_law.scale: 0 SI is out of bounds"),
     ],

@@ -45,11 +45,17 @@ def load_folder(folder: Path) -> list[str]:
     Raises
     ------
     ArtibotError
-        For a folder that is not there, or a file that is no effect.
+        For a folder that is not there, a file that is no effect, or two that declare the same one.
     """
     if not folder.is_dir():
         raise ArtibotError(f"{folder}: no such folder; expected one with files of effects (*{SUFFIX})")
-    return [register(read_effect(path), path).id for path in sorted(folder.glob(f"*{SUFFIX}"))]
+    found = dict[str, Path]()
+    for path in sorted(folder.glob(f"*{SUFFIX}")):
+        effect = read_effect(path)
+        if effect.id in found:
+            raise ArtibotError(f"{path}: id: '{effect.id}' is that of {found[effect.id]}, too; expected another id")
+        found[register(effect, path).id] = path
+    return [*found]
 
 
 def register(effect: Effect, path: Path) -> Effect:
@@ -87,6 +93,9 @@ def effect_of(document: Any, path: str) -> Effect:
     name = str(document["id"])
     if not _ID.fullmatch(name):
         raise ArtibotError(f"{path}: id: found '{name}', expected small letters, digits and _, a letter first")
+    doc = str(document["description"] or "").strip()
+    if not doc:
+        raise ArtibotError(f"{path}: description: found nothing, expected a sentence on what it is")
     given, declared = document["law"], document["parameters"]
     _refuse_other_keys(given, tuple(PARAMETERS), f"{path}: law")
     _refuse_other_keys(declared, _NUMBERS, f"{path}: parameters")
@@ -109,7 +118,7 @@ def effect_of(document: Any, path: str) -> Effect:
     return Effect(
         id=name,
         acts="law",
-        doc=str(document["description"]).strip(),
+        doc=doc,
         parameters=parameters,
         law=law,
         uniform=not {"place", "heading"} & {fixed["variable"], fixed["times"]},
@@ -161,7 +170,8 @@ def _parameter(key: str, entry: Any, law: Values, path: str) -> EffectParameter:
     if key == "size" and not low <= 0.0 <= high:
         raise ArtibotError(f"{path}: found {low:g} to {high:g}; expected 0 between, where the effect is absent")
     neutral = 0.0 if key == "size" else typical
-    PARAMETERS[key].quantity.check(path, typical)  # type: ignore[union-attr]  # of _NUMBERS, none is a choice
+    for name in ("low", "high") if key != "size" else ():  # what the law itself can have
+        PARAMETERS[key].quantity.check(f"{path}.{name}", numbers[name])  # type: ignore[union-attr]  # none is a choice
     return number(unit, low, high, str(PARAMETERS[key].quantity.doc), neutral)
 
 

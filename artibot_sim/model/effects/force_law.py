@@ -487,11 +487,12 @@ def _factor(values: Values, variable: str, form: str, scale: float) -> str:
         if values["offset"]:
             words = f"({words} {_signed(-float(values['offset']))} m)"
     u = words if scale == 1.0 else f"{words} / {scale:.3g} {unit}".rstrip()
+    sign = f"sign({words})"
     phase = f" {_signed(float(values['phase']))}"
     return {
         "linear": f"({u})", "quadratic": f"({u}) |{u}|", "magnitude": f"|{u}|", "coulomb": f"tanh({u})",
-        "power": f"sign |{u}|^{float(values['exponent']):.3g}", "periodic": f"cos(2π {u}{phase})",
-        "threshold": f"sign max(|{u}| − 1, 0)", "decaying": f"exp(−|{u}|)",
+        "power": f"{sign} |{u}|^{float(values['exponent']):.3g}", "periodic": f"cos(2π {u}{phase})",
+        "threshold": f"{sign} max(|{u}| − 1, 0)", "decaying": f"exp(−|{u}|)",
         "step": f"(1 + tanh({u})) / 2",
     }[form]  # fmt: skip
 
@@ -512,8 +513,17 @@ def check(values: Values, path: str) -> None:
                 f"{path}.{key}: '{values[key]}' means nothing to the {place_words(str(values['where']))}; it can "
                 f"follow {', '.join(known)}"
             )
-    if values["variable"] == "nothing" and values["form"] != "constant":
-        raise ArtibotError(f"{path}.form: '{values['form']}' needs a variable; expected one beside 'constant'")
+    for key, form in (("variable", "form"), ("times", "times_form")):
+        if values[key] == "nothing" and values[form] != "constant":
+            raise ArtibotError(
+                f"{path}.{form}: '{values[form]}' needs a variable; expected '{key}', too, or 'constant'"
+            )
+        if values[key] != "nothing" and values[form] == "constant":
+            others = ", ".join(name for name in FORMS if name != "constant")
+            raise ArtibotError(
+                f"{path}.{form}: 'constant' does not follow the {variable_words(str(values[key]))[0]}; expected one of "
+                f"{others}, or no '{key}'"
+            )
 
 
 _FASTEST = 0.5
