@@ -64,7 +64,7 @@ def show(name: str) -> None:
     console.print(f"{name}: {effect.doc}", markup=False)
     if effect.law is not None and effect.search is not None:
         others = {key: parameter.neutral for key, parameter in effect.parameters.items()}
-        console.print(f"  typically {formula(effect.law(others | effect.search.sizes))}", markup=False)
+        console.print(f"  typically {formula(effect.law({**others, **effect.search.sizes}))}", markup=False)
     for key, parameter in effect.parameters.items():
         quantity, neutral = parameter.quantity, parameter.neutral
         if isinstance(quantity, Choice):
