@@ -6,7 +6,7 @@ from math import pi
 
 import pytest
 from diagnose.hidden.calibrate import advice, chances, leftovers
-from diagnose.hidden.score import relative_gain, score
+from diagnose.hidden.score import is_described, relative_gain, score
 from diagnose.hidden.table import confusion, failures, laws, picture, table
 
 
@@ -234,3 +234,9 @@ def test_a_false_name_is_one_that_is_not_there_nor_ties_with_what_is():
     rows, _, counts = confusion([{"job": job, "truth": hidden, "answer": answer()}])
     assert counts[rows.index("wheel_resistance"), 0] == counts.sum() == 1.0
     assert score(answer("unexplained"), varying).top1 == 1.0 and score(answer("named", [slope]), varying).top1 == 0.0
+
+
+def test_a_product_is_no_dependence_on_time():
+    gear = {"force": "torque of front_left", "form": "Coulomb-like"}
+    assert is_described(gear | {"variable": "speed times time"}, {"cold_gear": {}})
+    assert not is_described(gear | {"variable": "speed times wheel angle"}, {"cold_gear": {}})

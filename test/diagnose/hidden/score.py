@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from math import hypot, inf, pi
 from typing import Any
@@ -231,5 +232,10 @@ def is_described(unexplained: Mapping[str, Any] | None, unlisted: Mapping[str, A
     """Whether the words of what is unexplained hold those that a good answer has."""
     if unexplained is None:
         return False
-    said = f"{unexplained['force']} {unexplained['variable']} {unexplained['form']}".lower()
-    return any(all(word in said for word in ACTS_ON[name].values()) for name in unlisted)
+    said = f"{unexplained['force']} {unexplained['variable']} {unexplained['form']}"
+    return any(has_words(said, ACTS_ON[name].values()) for name in unlisted)
+
+
+def has_words(said: str, words: Iterable[str]) -> bool:
+    """Whether each of some words stands in a text as a whole: "time" is not in "times the wheel's angle"."""
+    return all(re.search(rf"\b{re.escape(word)}\b", said, re.IGNORECASE) for word in words)
