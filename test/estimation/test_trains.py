@@ -100,7 +100,16 @@ def law(where: str, variable: str, form: str, size: float, **others: float | str
         {"tyre_relaxation": {"length": 0.3}, "velocity_filter": {"time_constant": 0.05}},
         {"stiction": {"length": 0.02}, "com_height": {"height": 0.3}, "encoder_scale": {"scale": 1.02}},
         {
-            "force_law": law("joint_2", "articulation_rate", "coulomb", 5.0, scale=0.1, times="module_3_right_angle"),
+            "force_law": law(
+                "joint_2",
+                "articulation_rate",
+                "coulomb",
+                5.0,
+                scale=0.1,
+                times="module_3_right_angle",
+                times_form="periodic",
+                times_scale=0.7,
+            ),
             "force_law_2": law("wheels_lateral", "slip", "linear", 20.0),
             "force_law_3": law("front_right_longitudinal", "angle", "periodic", 8.0, scale=3.0),
             "payload": {"mass": 5.0, "module": "module_3"},
