@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,7 @@ from artibot_sim.diagnose.policy import LEFT_OF_TORQUES
 from artibot_sim.model.kernels.compilation import kernel
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 LOOP = "velocity_loop"
 """Effect that has motors fall short of their commands by their torques, by id."""
@@ -80,8 +82,8 @@ def velocity_loop(data: CommandData, short: Array) -> VelocityLoop | None:
         return None
     columns = fit.behind
     if used == 3:
-        moved = [_with_cut(parts, fit.cut * (1.0 + way * _FINE), fit.began) for way in (1.0, -1.0)]
-        change = (moved[0] - moved[1])[:, 1] / (2.0 * _FINE * fit.cut)
+        more, less = (parts.angles(fit.cut * (1.0 + way * _FINE), fit.began) for way in (1.0, -1.0))
+        change = parts.centred(more - less) / (2.0 * _FINE * fit.cut)
         columns = np.column_stack([columns, fit.solved[1] * change])
     variance = fit.remains / max(count - used - 1, 1)
     covariance = np.zeros((3, 3))
@@ -119,38 +121,71 @@ def unexplained(data: CommandData, short: Array, cut: float = math.inf) -> float
 
 
 @dataclass(frozen=True)
-class _Part:
-    """Samples of one part: times (s), speeds behind (rad/s), which of the bins each is in, and which bins count.
+class _Parts:
+    """Stretches of motors without a gap, one after the other: n samples of p stretches, in m bins that count.
 
-    `torque` and `speed` are the means of the bins that count, N m and rad/s.
+    Attributes
+    ----------
+    t, e : array, shape (n,)
+        Times (s), and speeds behind (rad/s).
+    first : array of int, shape (p + 1,)
+        Where each stretch begins, and n.
+    each : array of int, shape (n,)
+        The bin that a sample is in; −1 of those that do not count.
+    share : array, shape (m,)
+        What one sample has of the mean of its bin.
+    of : array of int, shape (m,)
+        The stretch that a bin is of.
+    torque, speed : array, shape (m,)
+        Means of the bins, N m and rad/s.
     """
 
     t: Array
     e: Array
-    each: NDArray[np.int64]
-    count: NDArray[np.int64]
-    used: NDArray[np.bool_]
+    first: Indices
+    each: Indices
+    share: Array
+    of: Indices
     torque: Array
     speed: Array
 
-    def angles(self, cut: float, began: float) -> Array:
-        """Mean angles behind of the bins that count, rad, which the windup limit keeps within ±`cut`."""
-        angle = np.empty(len(self.e))
-        _wind(self.e, self.t, cut, began, angle)
-        return np.asarray(np.bincount(self.each, angle)[self.used] / self.count[self.used])
+    @cached_property
+    def begins(self) -> Indices:
+        """The first bin of each stretch, shape (p,)."""
+        return np.searchsorted(self.of, np.arange(len(self.first) - 1))
 
-    def beginning(self, gain: float, rising: float, cut: float, began: float) -> float:
-        """How far behind it began (rad), corrected so that its first bin has the torque that is recorded there."""
-        missing = self.torque[0] - gain * self.speed[0] - rising * self.angles(cut, began)[0]
-        return float(np.clip(began + missing / rising, -cut, cut))
+    def centred(self, values: Array) -> Array:
+        """Of the bins, each stretch's less their mean: that is what its loop had taken up."""
+        return np.asarray(values - (np.bincount(self.of, values) / np.bincount(self.of))[self.of])
+
+    @cached_property
+    def moving(self) -> Array:
+        """Speeds less their means, rad/s."""
+        return self.centred(self.speed)
+
+    def angles(self, cut: float, began: Array) -> Array:
+        """Mean angles behind of the bins (m,), rad, which the windup limit keeps within ±`cut`."""
+        angles = np.zeros(len(self.share))
+        _wind(self.e, self.t, self.first, self.each, cut, began, angles)
+        return angles * self.share
+
+    def beginning(self, gain: float, rising: float, cut: float, began: Array, angles: Array) -> Array:
+        """How far behind they began (p,), rad, so that each one's first bin has the torque that is recorded there."""
+        k = self.begins
+        missing = self.torque[k] - gain * self.speed[k] - rising * angles[k]
+        return np.asarray(np.clip(began + missing / rising, -cut, cut))
 
 
 @kernel
-def _wind(e: Array, t: Array, cut: float, began: float, angle: Array) -> None:
-    """The integral of `e` over `t` within ±`cut`, from `began` on."""
-    angle[0] = min(max(began, -cut), cut)
-    for k in range(1, len(e)):
-        angle[k] = min(max(angle[k - 1] + 0.5 * (e[k] + e[k - 1]) * (t[k] - t[k - 1]), -cut), cut)
+def _wind(e: Array, t: Array, first: Indices, each: Indices, cut: float, began: Array, angles: Array) -> None:
+    """Sums over bins of the integrals of `e` over `t` within ±`cut`, of stretches from `began` on."""
+    for p in range(len(first) - 1):
+        angle = min(max(began[p], -cut), cut)
+        for k in range(first[p], first[p + 1]):
+            if k > first[p]:
+                angle = min(max(angle + 0.5 * (e[k] + e[k - 1]) * (t[k] - t[k - 1]), -cut), cut)
+            if each[k] >= 0:
+                angles[each[k]] += angle
 
 
 @dataclass(frozen=True)
@@ -158,7 +193,7 @@ class _Fit:
     """Torques (m,), and speeds and angles (m, 2) behind, of each part less their means; gain and gain · integral.
 
     `remains` is the square that these leave of the torques, `cut` where the windup limit cuts (rad), `began` how far
-    each part was behind when it began, rad.
+    each stretch was behind when it began, rad.
     """
 
     torque: Array
@@ -166,15 +201,16 @@ class _Fit:
     solved: Array
     remains: float
     cut: float
-    began: tuple[float, ...]
+    began: Array
 
 
-def _best(parts: list[_Part]) -> _Fit | None:
+def _best(parts: _Parts) -> _Fit | None:
     """The loop that leaves least, with a windup limit where that gains what its freedom costs."""
     plain = _fit(parts, math.inf)
     if plain is None or plain.remains <= 0.0:
         return plain
-    reached = max(float(np.ptp(part.angles(math.inf, 0.0))) for part in parts)
+    angles, begins = parts.angles(math.inf, plain.began), parts.begins
+    reached = float((np.maximum.reduceat(angles, begins) - np.minimum.reduceat(angles, begins)).max())
     if reached <= 0.0:
         return plain
     tried = reached * np.geomspace(*_CUT, _COARSE)
@@ -193,31 +229,29 @@ def _best(parts: list[_Part]) -> _Fit | None:
     return fit if gains > _FREEDOM else plain
 
 
-def _fit(parts: list[_Part], cut: float) -> _Fit | None:
+def _fit(parts: _Parts, cut: float) -> _Fit | None:
     """Gain and gain · integral by least squares with a windup limit that cuts at `cut` (rad); None of too few torques.
 
     How far a part was behind when it began follows from its first torque; without a windup limit it does not matter.
     """
-    began: tuple[float, ...] = (0.0,) * len(parts)
-    torque = np.concatenate([np.empty(0), *(part.torque - part.torque.mean() for part in parts)])
-    if len(torque) < _LEAST or not torque.any():
+    began = np.zeros(len(parts.first) - 1)
+    if len(parts.torque) < _LEAST:
         return None
-    behind = _with_cut(parts, cut, began)
+    torque = parts.centred(parts.torque)
+    if not torque.any():
+        return None
+    angles = parts.angles(cut, began)
+    behind = np.column_stack([parts.moving, parts.centred(angles)])
     solved, left = _solved(torque, behind)
     for _ in range(_AGAIN if cut < math.inf else 0):
         gain, rising = solved.tolist()
         if gain <= 0.0 or rising <= 0.0:
             break
-        began = tuple(part.beginning(gain, rising, cut, first) for part, first in zip(parts, began, strict=True))
-        behind = _with_cut(parts, cut, began)
+        began = parts.beginning(gain, rising, cut, began, angles)
+        angles = parts.angles(cut, began)
+        behind = np.column_stack([parts.moving, parts.centred(angles)])
         solved, left = _solved(torque, behind)
     return _Fit(torque, behind, solved, float(left @ left), cut, began)
-
-
-def _with_cut(parts: list[_Part], cut: float, began: tuple[float, ...]) -> Array:
-    """Speeds and angles (m, 2) behind, of each part less their means: a part's mean is what its loop had taken up."""
-    both = [np.column_stack([part.speed, part.angles(cut, first)]) for part, first in zip(parts, began, strict=True)]
-    return np.concatenate([np.empty((0, 2)), *(one - one.mean(axis=0) for one in both)])
 
 
 def _solved(torque: Array, behind: Array) -> tuple[Array, Array]:
@@ -229,22 +263,29 @@ def _solved(torque: Array, behind: Array) -> tuple[Array, Array]:
     return np.asarray(solved, float), np.asarray(torque - behind @ solved, float)
 
 
-def _parts(data: CommandData, short: Array) -> list[_Part]:
+def _parts(data: CommandData, short: Array) -> _Parts:
     """Each stretch of a motor without a gap, its torques and speeds in bins that no limit may hold."""
-    found = []
     known = np.isfinite(data.torque)
     top = float(np.sort(np.abs(data.torque[known]))[-10:].mean()) if known.any() else 0.0
     edges = np.flatnonzero(np.concatenate(([True], ~data.whole[1:, 0], [True])))
+    kept: list[tuple[Array, Array, Indices, Array, Array, Array]] = []
+    bins = 0
     for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        t, e, torque = data.middle[begin:end], np.ascontiguousarray(short[begin:end]), data.torque[begin:end]
+        t, e, torque = data.middle[begin:end], short[begin:end], data.torque[begin:end]
         if end - begin < 2:
             continue
-        each = ((t - t[0]) // _BIN).astype(int)
+        each = ((t - t[0]) // _BIN).astype(np.int64)
         count = np.bincount(each)
         with np.errstate(invalid="ignore"):
             mean = np.array([np.bincount(each, column) / count for column in (torque, e)])
             free = np.bincount(each, ~(np.abs(torque) < _FREE * top)) == 0
         used = free & (count >= 0.5 * count.max())
         if np.count_nonzero(used) > 1:
-            found.append(_Part(np.ascontiguousarray(t), e, each, count, used, mean[0, used], mean[1, used]))
-    return found
+            number = np.where(used, bins + np.cumsum(used) - 1, -1)
+            kept.append((t, e, number[each], 1.0 / count[used], mean[0, used], mean[1, used]))
+            bins += np.count_nonzero(used)
+    none = (np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0), np.empty(0), np.empty(0))
+    t, e, each, share, torque, speed = (np.concatenate(of) for of in zip(none, *kept, strict=True))
+    first = np.cumsum([0, *(len(one[0]) for one in kept)])
+    of = np.repeat(np.arange(len(kept)), [len(one[3]) for one in kept])
+    return _Parts(t, e, first, each, share, of, torque, speed)
