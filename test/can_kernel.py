@@ -29,7 +29,7 @@ def on_vcan(command: Sequence[str], memory: str = "256M", timeout: float = 600.0
     """Run `command` where there is a vcan0."""
     if has_vcan():
         return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=timeout, check=False)
-    return in_uml("-m", memory, "-s", str(SLOWNESS), *command, timeout=timeout)
+    return in_uml("-1", "-m", memory, "-s", str(SLOWNESS), *command, timeout=timeout)
 
 
 def in_uml(*command: str, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:

@@ -231,7 +231,11 @@ class Row:
 
 
 TABLE = (
-    Row("nothing is named where nothing is hidden", (), 1.0, 23, "agriq", names_nothing, BRIEF, always=True),
+    Row(
+        "nothing is named where nothing is hidden", (), 1.0, 23, "agriq", names_nothing, BRIEF,
+        ("joint_friction", "slope", "motor_drag", "wheel_resistance", "payload", "com_offset"), always=True,
+    ),
+    Row("nor of the whole list", (), 1.0, 24, "agriq", names_nothing, BRIEF),
     Row(
         "a force of a single motor, in real bags by the command", ("motor_drag",), 1.0, 27, "agriq",
         names("motor_drag", within=0.15, by=command_line), BRIEF, always=True,
@@ -263,7 +267,7 @@ TABLE = (
     ),
     Row(
         "a force of which a slow logger says too little to place it is said to be there and not named",
-        ("wandering_moment",), 1.0, 3, "agriq", says_that_more_is_there, {"runs": 1, "duration": 20.0}, (), always=True,
+        ("wandering_moment",), 1.0, 3, "agriq", says_that_more_is_there, {"runs": 1, "duration": 20.0}, (),
     ),
     Row(
         "beside the nearest name, which takes a part of it, a drag is found; on that soil it does without the name",

@@ -25,7 +25,7 @@ ROBOT = load_robot("husky_driven")
 FACTORS = (0.4, 1.0, 2.5)
 
 
-@pytest.fixture(scope="module", params=[61, 62])
+@pytest.fixture(scope="module", params=[pytest.param(61, marks=pytest.mark.long), 62])
 def problem(request: pytest.FixtureRequest) -> Problem:
     """A Husky whose wheels the ground resists, in each place otherwise, and a model that knows nothing of it."""
     hidden = case(("wheel_resistance", VARYING), 1.0, request.param, runs=2, duration=40.0, robot="husky_driven")

@@ -87,40 +87,42 @@ def law(where: str, variable: str, form: str, size: float, **others: float | str
     return {"where": where, "variable": variable, "form": form, "size": size, **others}
 
 
+SEVERAL: tuple[dict[str, dict[str, float | str]], ...] = (
+    {},
+    {"stiction": {"length": 0.02}, "com_height": {"height": 0.3}, "encoder_scale": {"scale": 1.02}},
+    {
+        "force_law": law(
+            "joint_2",
+            "articulation_rate",
+            "coulomb",
+            5.0,
+            scale=0.1,
+            times="module_3_right_angle",
+            times_form="periodic",
+            times_scale=0.7,
+        ),
+        "force_law_2": law("wheels_lateral", "slip", "linear", 20.0),
+        "force_law_3": law("front_right_longitudinal", "angle", "periodic", 8.0, scale=3.0),
+        "payload": {"mass": 5.0, "module": "module_3"},
+    },
+)
+OTHERS: tuple[dict[str, dict[str, float | str]], ...] = (
+    {"joint_friction": {"torque": 10.0}, "motor_drag": {"motor": "module_3_right", "torque": 0.2}},
+    {"wheel_resistance": {"share": 0.05}, "torque_limit": {"front_max": 0.05}, "com_offset": {"x": 0.05, "y": 0.03}},
+    {"tyre_relaxation": {"length": 0.3}, "velocity_filter": {"time_constant": 0.05}},
+    {
+        "force_law": law("motors_torque", "articulation_angle", "linear", 0.3),
+        "force_law_2": law("module_3_sway", "place", "threshold", 9.0, scale=0.1, direction=0.5),
+        "force_law_3": law("back_yaw", "time", "periodic", 4.0, scale=0.3),
+        "tyre_relaxation": {"length": 0.3},
+    },
+)
+"""Each has a version of the loops compiled for it, which takes ten seconds."""
+
+
 @pytest.mark.parametrize(
     "effects",
-    [
-        {},
-        {"joint_friction": {"torque": 10.0}, "motor_drag": {"motor": "module_3_right", "torque": 0.2}},
-        {
-            "wheel_resistance": {"share": 0.05},
-            "torque_limit": {"front_max": 0.05},
-            "com_offset": {"x": 0.05, "y": 0.03},
-        },
-        {"tyre_relaxation": {"length": 0.3}, "velocity_filter": {"time_constant": 0.05}},
-        {"stiction": {"length": 0.02}, "com_height": {"height": 0.3}, "encoder_scale": {"scale": 1.02}},
-        {
-            "force_law": law(
-                "joint_2",
-                "articulation_rate",
-                "coulomb",
-                5.0,
-                scale=0.1,
-                times="module_3_right_angle",
-                times_form="periodic",
-                times_scale=0.7,
-            ),
-            "force_law_2": law("wheels_lateral", "slip", "linear", 20.0),
-            "force_law_3": law("front_right_longitudinal", "angle", "periodic", 8.0, scale=3.0),
-            "payload": {"mass": 5.0, "module": "module_3"},
-        },
-        {
-            "force_law": law("motors_torque", "articulation_angle", "linear", 0.3),
-            "force_law_2": law("module_3_sway", "place", "threshold", 9.0, scale=0.1, direction=0.5),
-            "force_law_3": law("back_yaw", "time", "periodic", 4.0, scale=0.3),
-            "tyre_relaxation": {"length": 0.3},
-        },
-    ],
+    [*SEVERAL, *(pytest.param(effects, marks=pytest.mark.long) for effects in OTHERS)],
     ids=lambda effects: "+".join(effects) or "none",
 )
 def test_windows_side_by_side_are_those_one_by_one(effects: dict[str, dict[str, float | str]]) -> None:

@@ -43,6 +43,7 @@ def test_where_there_is_none_no_disc_promises_anything() -> None:
     assert max(one.disc.gain for one in scanned(base, PATCH)) < 15.0
 
 
+@pytest.mark.long
 def test_a_patch_is_excluded_from_a_size_on_that_most_of_the_ground_tells() -> None:
     base, _ = recorded(0.0)
     (bound,) = excluded_patch(base, PATCH, LEAST, THRESHOLDS).values()

@@ -86,6 +86,7 @@ def test_the_period_of_ridges_is_found():
     assert 2 * np.pi / np.hypot(*wave) == pytest.approx(period, rel=0.02)
 
 
+@pytest.mark.long
 def test_what_a_law_lacks_stands_beside_it():
     """Residual forces along the law's variable: what is missing of a law that is half as large, little of the whole."""
     _, found = seen("ridges")
