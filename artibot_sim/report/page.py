@@ -231,6 +231,7 @@ thead th { font-weight: 600; border-bottom: 1px solid var(--grid); }
 tr.name th { font-weight: 600; padding-top: 10px; }
 @media (max-width: 600px) {  /* names stay in sight while numbers scroll */
   th, td { padding-right: 9px; }
+  thead th { white-space: normal; }
   .scroll .name span { display: inline-block; position: sticky; left: 0; max-width: 90vw; white-space: normal; }
   .scroll tr:not(.name) > :first-child { position: sticky; left: 0; background: var(--paper);
     min-width: min(9em, var(--longest, 9em)); max-width: 46vw; white-space: normal; overflow-wrap: anywhere; }

@@ -63,9 +63,9 @@ details details { margin: 8px 0; } details details summary { cursor: pointer; pa
 .first, .row, .grid3 { display: grid; grid-template-columns: minmax(0, 1fr); gap: 0 24px; }
 .plot.square { height: min(92vw, 460px); }
 .plot.low { height: 230px; } .plot.bars { height: 380px; }
-table td:nth-child(2) { color: inherit; }
+table td:nth-child(2) { color: inherit; text-align: right; }
 .wrap { display: inline-block; white-space: normal; min-width: 14em; max-width: min(56em, 78vw); text-align: left; }
-td.text { text-align: left; } th.text { text-align: left; }
+table td.text.text { text-align: left; } th.text { text-align: left; }
 tr.found td, tr.found th { font-weight: 600; } tr.ties th { color: var(--tie); }
 svg.ci { display: block; }
 @media (max-width: 600px) { h1 { font-size: 1.25rem; } }
@@ -250,8 +250,8 @@ def predictors(found: Diagnosis) -> str:
     for one in found.predictors:
         cells = [figure(one.errors[name].rmse) if name in one.errors else "" for name in ("position", "yaw")]
         best = one.name == found.best
-        rows.append(("found" if best else "", (html.escape(one.name), "best.yaml" if best else "", *cells)))
-    return table(("model", "", "position (m)", "heading (rad)"), rows, 2)
+        rows.append(("found" if best else "", (html.escape(one.name) + (" (best.yaml)" if best else ""), *cells)))
+    return table(("model", "position (m)", "heading (rad)"), rows)
 
 
 def unexplained(what: Unexplained) -> str:
