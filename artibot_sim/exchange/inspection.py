@@ -43,7 +43,7 @@ _STAND_INS: dict[str, tuple[str, ...]] = {
 }
 """Channel that a recording may have under another name → the types that can be read as it."""
 _BELIEFS = ("/odom", "/odometry/filtered", "/planned/odom")
-"""Ends of names of what the robot itself believes: no measurement of where it was."""
+"""Ends of names of what a robot itself mostly believes, which is no measurement of where it was; a lidar's may end so."""
 
 
 @dataclass(frozen=True)
@@ -469,11 +469,15 @@ def _renames(experiment: Experiment | None, unread: Sequence[TopicView], options
             and named.get(view.topic, key) == key and view.topic not in likely
         ]  # fmt: skip
         taken.sort(key=lambda topic: topic not in named)
+        is_it = "is it"
+        if not taken and key == "ground_truth_odom":
+            taken = [view.topic for view in unread if view.ros_type in types and view.topic.endswith(_BELIEFS)]
+            is_it = "was measured from outside (lidar, GPS, cameras) and not by the wheels"
         if taken:
             wanted = BY_KEY[key].name
             likely[taken[0]] = f"--topic {wanted}={taken[0]}"
             others = f" (or {', '.join(taken[1:])})" if len(taken) > 1 else ""
-            yield f"if {taken[0]}{others} is it: artibot inspect {path}{options} {likely[taken[0]]}"
+            yield f"if {taken[0]}{others} {is_it}: artibot inspect {path}{options} {likely[taken[0]]}"
     if len(likely) > 1:
         yield f"if all are: artibot inspect {path}{options} {' '.join(likely.values())}"
     yield from _joint_names(channels, path)
@@ -491,14 +495,20 @@ def _robot_advice(robot: str, experiment: Experiment | None) -> Iterator[str]:
     shipped = config_names("robots")
     if robot in shipped or experiment is None:
         return
-    motors = experiment.channels.get("motor_torques")
-    back = motors is not None and any(_has(motors, f"{name}.velocity", f"{name}.effort") for name in MOTORS[2:])
-    kind = "articulated (it has back motors)" if back else "of one rigid module (it has no back motors)"
     which = f"robot '{robot}' has no file here" if robot else "no robot is named"
-    like = "agriq" if back else "husky"
+    known = [experiment.channels[key] for key in ("motor_torques", "motor_command") if key in experiment.channels]
+    back = any(_has(channel, f"{name}.velocity", f"{name}.effort") for channel in known for name in MOTORS[2:])
+    joint = "joint_states" in experiment.channels and _has(
+        experiment.channels["joint_states"], "articulation_yaw.position"
+    )
+    alike = [name for name in shipped if not (known or joint) or load_robot(name).articulated == (back or joint)]
+    if back or joint:
+        which += f"; it is articulated ({'it has back motors' if back else 'its joint moves'})"
+    elif known:
+        which += "; it is of one rigid module (it has no back motors)"
+    like = "agriq" if back or joint else "husky"
     make = f"artibot robot new NAME --like {like} --help"
-    alike = [name for name in shipped if load_robot(name).articulated == back]
-    yield f"{which}; it is {kind}: for ROBOT give {', '.join(alike)}, or make a file: {make}"
+    yield f"{which}: for ROBOT give {', '.join(alike)}, or make a file: {make}"
 
 
 def _lacks_motors(channels: Mapping[str, Channel]) -> bool:

@@ -203,6 +203,25 @@ def test_another_name_is_said_with_what_to_type(tmp_path: Path) -> None:
     assert again.topics[0].read_as == "/ground_truth/odom"
 
 
+def test_a_lidars_pose_that_is_called_odom_is_asked_for(tmp_path: Path) -> None:
+    """A robot's own belief is mostly called so: what it may be is said, and it is proposed where nothing else is."""
+    found = inspect_recording(bag(tmp_path / "run", {"pose": "/lidar/odom"}))
+    (line,) = [line for line in found.advice if "/lidar/odom" in line]
+    assert "from outside" in line and line.endswith("--topic /ground_truth/odom=/lidar/odom")
+    assert use(inspect_recording(tmp_path / "run", {"/ground_truth/odom": "/lidar/odom"}), "identify")[0]
+    other = inspect_recording(bag(tmp_path / "other", {"pose": "/lidar/pose"}))
+    assert any("if /lidar/pose is it" in line for line in other.advice)
+
+
+def test_no_kind_of_robot_is_claimed_where_no_motor_was_read(tmp_path: Path) -> None:
+    (advice,) = [
+        line
+        for line in inspect_recording(bag(tmp_path / "run", {"motors": "/wheels"}, motors=MOTORS)).advice
+        if "for ROBOT" in line
+    ]
+    assert "rigid" not in advice and {"agriq,", "husky,"} <= set(advice.split())
+
+
 WHEELS = ("front_left_wheel_joint", "front_right_wheel_joint", "rear_left_wheel_joint", "rear_right_wheel_joint")
 
 

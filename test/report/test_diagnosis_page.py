@@ -302,6 +302,10 @@ def test_a_browser_draws_it_at_any_width(
         " p.querySelectorAll('.scatterlayer .trace path, .barlayer path').length])"
     )
     assert all(100 < w <= width and drawn > 0 for w, drawn in sizes)
+    models = "[...document.querySelectorAll('.scroll')].filter(t => t.textContent.includes('heading (rad)'))"
+    fits = chromium.value(f"{models}.map(t => t.scrollWidth <= t.clientWidth)")
+    assert all(fits), "no column of the table of models is out of sight"
+    assert fits or not every[verdict].predictors
 
 
 def test_the_sentence_and_the_picture_are_on_a_phones_first_screen(
