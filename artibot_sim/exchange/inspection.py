@@ -43,7 +43,7 @@ _STAND_INS: dict[str, tuple[str, ...]] = {
 }
 """Channel that a recording may have under another name → the types that can be read as it."""
 _BELIEFS = ("/odom", "/odometry/filtered", "/planned/odom")
-"""Ends of names of what a robot itself mostly believes, which is no measurement of where it was; a lidar's may end so."""
+"""Ends of names of what mostly is a robot's own belief, no measurement of where it was; a lidar's may end so."""
 
 
 @dataclass(frozen=True)
