@@ -25,10 +25,11 @@ BEFORE, AFTER = 0.5, 0.5
 _BEND = 0.05
 """m and rad from which an error counts linearly in a fit."""
 
+UNTIMED, TIMED = "ICR", "ICR with timing"
 FREE: dict[str, tuple[str, ...]] = {
     "effective track": ("track",),
-    "ICR": ("track", "scale", "lateral"),
-    "ICR with timing": ("track", "scale", "lateral", "delay"),
+    UNTIMED: ("track", "scale", "lateral"),
+    TIMED: ("track", "scale", "lateral", "delay"),
 }
 """Kinematic model → what is fitted."""
 _BOUNDS = {"track": (0.1, 30.0), "scale": (-2.0, 3.0), "lateral": (-3.0, 3.0), "delay": (-BEFORE, BEFORE)}

@@ -44,7 +44,7 @@ from artibot_sim.identify.judgement import FittedMotion, estimates, motion_of, o
 from artibot_sim.identify.problems import enough_of, problem_of
 from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.result import Estimate, FitStatus, Identification
-from artibot_sim.identify.validation import PredictedRecording, channel_fits, hold_out
+from artibot_sim.identify.validation import PredictedRecording, channel_fits, hold_out, late_poses
 from artibot_sim.model import Robot
 from artibot_sim.progress import Report
 
@@ -175,11 +175,12 @@ def identify(
         ticks()
     seconds = time.perf_counter() - begun
     predictions = tuple(h.summary for h in held)
+    late = () if in_model else late_poses(predictions, rivals)
     known = {name: result.robot.effects[name] for name in result.robot.effects if name not in currents.only_here}
     whole = with_faults(replace(result.robot, effects=known), timed, "identified")
     result = replace(
         result, robot=whole, findings=wrong,
-        streams=stream_table([*timed, *later]), remarks=(*currents.remarks, *fewer, *result.remarks),
+        streams=stream_table([*timed, *later]), remarks=(*currents.remarks, *fewer, *result.remarks, *late),
         predictions=predictions, seconds=seconds,
     )  # fmt: skip
     return Work(result, problem, found, around, tuple(held), mean_shifts(timed))

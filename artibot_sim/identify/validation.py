@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.kinematic import Kinematic
+from artibot_sim.estimation.kinematic import TIMED, UNTIMED, Kinematic
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.measurements import CHANNEL_UNITS, HALF_WIDTH, Stretch, noise_levels, stretches
 from artibot_sim.estimation.parameters import ParameterSet
@@ -69,6 +69,8 @@ _WORST = 0.05
 _LEAP = 2.0
 """m/s from one measured position to the next, faster than any rover here drives."""
 _FEWEST = 20
+_GAINS = 0.9
+"""RMSE of a kinematic model with a delay of the poses over that without, from which on the delay counts."""
 
 
 def end_errors(windows: Sequence[Window], residuals: Sequence[Array], name: str) -> Array:
@@ -110,6 +112,29 @@ def _leaps(window: Window) -> bool:
     new = fresh(points)
     away = np.hypot(*np.diff(points[new], axis=0).T)
     return bool((away > _LEAP * np.maximum(np.diff(t[new]), 1e-3)).any())
+
+
+def late_poses(predictions: Sequence[Prediction], rivals: Mapping[str, Kinematic]) -> tuple[str, ...]:
+    """A sentence for each prediction that a delay of the poses would better, as a kinematic model that has one shows.
+
+    A delay that streams do not tell by themselves (no gyroscope, wheels at 1 to 3 Hz) is not mended beforehand.
+    """
+    said = []
+    for one in predictions:
+        timed, plain = one.rivals.get(TIMED, {}), one.rivals.get(UNTIMED, {})
+        better = [
+            words
+            for words, name in (("position", "position"), ("heading", "yaw"))
+            if name in timed and timed[name].rmse < min(_GAINS * plain[name].rmse, one.final[name].rmse)
+        ]
+        if better:
+            late = rivals[TIMED].delay
+            said.append(
+                f"{one.name}: {TIMED} predicts {' and '.join(better)} better than this model. It has poses "
+                f"{abs(late):.2f} s {'later' if late > 0.0 else 'earlier'} than rotations; add timing to --fit to fit "
+                "that delay here as well"
+            )
+    return tuple(said)
 
 
 def kinematic_residuals(model: Kinematic, problem: Problem, starts: Array) -> list[Array]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from io import StringIO
 from itertools import pairwise
@@ -15,7 +16,7 @@ from rich.console import Console
 
 from artibot_sim.cli.identify import command
 from artibot_sim.errors import ArtibotError
-from artibot_sim.estimation.kinematic import FREE, ideal
+from artibot_sim.estimation.kinematic import FREE, ideal, kinematic_models
 from artibot_sim.estimation.parameters import SOIL, ParameterSet
 from artibot_sim.estimation.uncertainty import Distribution
 from artibot_sim.experiment import Channel, Experiment, write_channels
@@ -26,7 +27,7 @@ from artibot_sim.identify.requested import parameter_set
 from artibot_sim.identify.result import Estimate, number
 from artibot_sim.identify.run import Work
 from artibot_sim.identify.synthetic import Noise, random_manoeuvre, synthetic
-from artibot_sim.identify.validation import hold_out
+from artibot_sim.identify.validation import hold_out, late_poses
 from artibot_sim.model import Robot, load_robot, save_robot
 from artibot_sim.planning import Arc, Dwell, Eight, Manoeuvre, Ramp, Slalom, Stop, Straight
 from artibot_sim.report.identification import window_panels
@@ -399,6 +400,21 @@ def test_no_model_begins_where_another_one_led(heading: float | None) -> None:
     one, other = (hold_out(drive, robot, 2.0, rivals=rivals).summary for robot in beside)
     assert one.final["position"].rmse < 0.5 * other.final["position"].rmse
     assert one.rivals == other.rivals
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.3])
+def test_poses_that_a_kinematic_model_has_late_are_said_to_be(delay: float) -> None:
+    """By as much as they are; nothing is said of poses in time."""
+    husky = load_robot("husky_driven")
+    late = replace(husky, effects={"pose_delay": {"delay": delay}} if delay else {})
+    made = random_manoeuvre(np.random.default_rng(5), 40.0)
+    drive = synthetic(late, made, noise=Noise(heading=0.01), seed=5, duration=40.0)
+    rivals = kinematic_models(problem_of([drive], parameter_set(husky), 2.0, 1))
+    said = late_poses([hold_out(drive, husky, 2.0, rivals=rivals).summary], rivals)
+    assert len(said) == (1 if delay else 0)
+    for sentence in said:
+        (found,) = re.findall(r"poses (\S+) s later than rotations; add timing to --fit", sentence)
+        assert float(found) == pytest.approx(delay, abs=0.03)
 
 
 def _stamps(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
