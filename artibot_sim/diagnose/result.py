@@ -393,6 +393,8 @@ _PLACES = {
     "drive": "the motors", "command": "the drives' settings", "sensor": "the sensors",
 }  # fmt: skip
 """Where an effect acts → where to look for it."""
+_IN_ONE_LINE = 2
+"""Causes at most whose checks are said in one line."""
 
 
 def _places(causes: Sequence[Cause]) -> str:
@@ -402,13 +404,18 @@ def _places(causes: Sequence[Cause]) -> str:
 
 
 def _checks(causes: Sequence[Cause]) -> str:
-    """What to look at on the rover: what each cause claims of it, and where those act that claim nothing plain."""
-    claims = [claim for cause in causes if (claim := claim_words(cause))]
-    others = [cause for cause in causes if not claim_words(cause)]
+    """What to look at on the rover: what each cause claims of it, and where those act that claim nothing plain.
+
+    Of many causes the first one alone, for each stands above with what it claims.
+    """
+    first = causes if len(causes) <= _IN_ONE_LINE else causes[:1]
+    claims = [claim for cause in first if (claim := claim_words(cause))]
+    others = [cause for cause in first if not claim_words(cause)]
     said = [f"whether {'; whether '.join(claims)}"] if claims else []
     if others:
         said.append(f"{_places(others)} for {joined([effect_words(cause.effect) for cause in others])}")
-    return f"Check {'; and '.join(said)}"
+    rest = f", then what the other {len(causes) - 1} causes claim" if len(first) < len(causes) else ""
+    return f"Check {'; and '.join(said)}{rest}"
 
 
 def next_step(found: Diagnosis) -> str:

@@ -127,6 +127,9 @@ def test_what_is_sure_is_said_beside_what_ties(every: dict[Verdict, Diagnosis]) 
     named = replace(both, verdict=Verdict.NAMED, causes=(sure, *tied.causes))
     assert result.headline(named) == said
     assert result.next_step(named).endswith("Drive an eight of 2 m radius.")
+    many = replace(named, causes=(sure, *(replace(sure, effect=one) for one in ("stribeck", "slope", "torque_scale"))))
+    said = result.next_step(many)
+    assert "payload" in said and "then what the other 3 causes claim" in said and "Stribeck" not in said
 
 
 def test_evidence_of_some_windows_is_not_shown_as_that_of_all(named: Diagnosis) -> None:
