@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.metrics import position_error, yaw_error
-from artibot_sim.model import Robot, Status, initial_state
+from artibot_sim.model import Mode, Robot, Status, initial_state
 from artibot_sim.model.kernels.layout import GAMMA, MOTOR_COORDINATES
+from artibot_sim.model.simulate.rollout import integration
 from artibot_sim.model.simulate.stepper import MotorCommand, Stepper
 from artibot_sim.planning import Plan, PlanSample
 from artibot_sim.report import style
@@ -127,7 +128,8 @@ def actuate(
     if robot.drive.back is None:
         raise ArtibotError(f"robot '{robot.name}' has no back module: there is no torque to share")
     rover = robot if limited else _without_front_limit(robot)
-    stepper = Stepper(rover, dt=STEP, integrator=_integrator(rover), state=initial_state(rover, *plan.start))
+    integrator, step = integration(rover, STEP, (Mode.TORQUE,) * 4)
+    stepper = Stepper(rover, dt=step, integrator=integrator, state=initial_state(rover, *plan.start))
     count = max(1, math.ceil(plan.duration / CYCLE - 1e-9))
     t: Array = CYCLE * np.arange(count + 1, dtype=float)
     speed = plan.at(t).velocity
@@ -138,23 +140,13 @@ def actuate(
         back = _checked(law, law.torques(robot, Cycle((right, left), measured, back, robot.control.kappa)))
         front = [MotorCommand((float(a), float(b))) for a, b in speed[k : k + 2].T]
         turns = (front[0], front[1], MotorCommand(torque=back[0]), MotorCommand(torque=back[1]))
-        if stepper.advance(round(CYCLE / STEP), turns) is not Status.OK:
+        if stepper.advance(round(CYCLE / step), turns) is not Status.OK:
             raise ArtibotError(f"law {law}: the simulation {stepper.message}; it may feed back too strongly")
         rows.append(_row(stepper))
         if progress is not None and k % 100 == 0:
             progress(k / count)
     pose, velocity, torque = (np.array(part) for part in zip(*rows, strict=True))
     return TrajectoryRun(law, plan, plan.at(t), t, pose, velocity, torque)
-
-
-def _integrator(robot: Robot) -> str:
-    """The more exact one where its step allows it for motors that may all spin freely."""
-    from artibot_sim.model.analysis.stability import largest_step
-    from artibot_sim.model.equations.transmission import Mode
-    from artibot_sim.model.robot.derived import params
-
-    free = largest_step(params(robot), "rk4", (Mode.TORQUE,) * 4)[0]
-    return "rk4" if free >= STEP else "semi_implicit"
 
 
 def _without_front_limit(robot: Robot) -> Robot:

@@ -29,12 +29,9 @@ from artibot_sim.experiment.metrics import Compared, Metric, metrics_of
 from artibot_sim.experiment.rollout_bag import Table, rollout_columns, write_channels
 from artibot_sim.experiment.smoothing import hermite
 from artibot_sim.model import MOTORS, Ground, Mode, Robot, Rollout, State, Status, load_ground, load_robot, rollout
-from artibot_sim.model.analysis.stability import largest_step
-from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.model.kernels.layout import F_L, GAMMA, SAT, X, Y
-from artibot_sim.model.robot.derived import on_ground, params
 from artibot_sim.model.robot.parameters import SensorErrors
-from artibot_sim.model.simulate.rollout import torque_columns, unlimited_beside_prescribed
+from artibot_sim.model.simulate.rollout import integration, torque_columns
 from artibot_sim.model.simulate.sensors import low_passed, sensor_errors, tracked_point
 from artibot_sim.progress import Report
 
@@ -560,11 +557,12 @@ class _Run:
         """Simulate one window, with `offset` (rad) added to the angles; chunk by chunk, for the progress."""
         self.windows += 1
         state, chunk = window.state, max(1, round(_CHUNK / inputs.dt))
-        dt, integrator = STEP, _integrator(self.robot, inputs.modes, self.kappa, self.ground)
+        integrator, dt = integration(self.robot, STEP, inputs.modes, self.kappa, self.ground)
+        every = _EVERY * round(STEP / dt)
         for a in range(window.first, window.last, chunk):
             b = min(a + chunk, window.last)
             result = rollout(
-                self.robot, inputs.commands(a, b, offset), dt=dt, integrator=integrator, every=_EVERY,
+                self.robot, inputs.commands(a, b, offset), dt=dt, integrator=integrator, every=every,
                 modes=inputs.modes, kappa=self.kappa, state=state, ground=self.ground,
             )  # fmt: skip
             pieces.add(result, a == window.first, window.counted)
@@ -633,15 +631,6 @@ def _kappa(experiment: Experiment) -> float | None:
     if not 0.0 < kappa <= 1.0:
         raise ArtibotError(f"{experiment.path}: metadata kappa is '{text}'; expected a number in (0, 1]")
     return kappa
-
-
-def _integrator(robot: Robot, modes: tuple[Mode, ...], kappa: float | None, ground: Ground | None) -> str:
-    """Return the more exact integrator that is stable at `STEP`."""
-    if robot.trailing:
-        return "rk4"  # whose steps are cut as they need it
-    p = unlimited_beside_prescribed(on_ground(params(robot), ground, robot.wheel.r_w), modes)
-    share = back_torque_factor(robot, kappa)
-    return "rk4" if largest_step(p, "rk4", modes, share)[0] >= STEP else "semi_implicit"
 
 
 def _common_span(experiment: Experiment, key: str, measured: Measured) -> tuple[float, float] | None:

@@ -12,7 +12,7 @@ from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.inputs import recorded_motors
 from artibot_sim.model import MOTORS, Robot, Rollout, rollout
-from artibot_sim.model.simulate.rollout import integrator_for
+from artibot_sim.model.simulate.rollout import integration
 from artibot_sim.model.simulate.sensors import sensor_errors, tracked_point
 from artibot_sim.planning import Arc, Dwell, Eight, Manoeuvre, Plan, Ramp, Segment, Slalom, Stop, Straight, plan
 
@@ -128,13 +128,14 @@ def _drive(robot: Robot, planned: Plan, duration: float, kappa: float) -> Rollou
     from artibot_sim.model.simulate.commands import as_executed
 
     state = initial_state(robot, *planned.start)
+    integrator, step = integration(robot, _EVERY, kappa=kappa)
     return rollout(
         robot,
         as_executed(robot, planned.commands()),
-        dt=_EVERY,
-        every=1,
+        dt=step,
+        every=round(_EVERY / step),
         kappa=kappa,
-        integrator=integrator_for(robot, _EVERY),
+        integrator=integrator,
         duration=duration,
         state=state,
     )

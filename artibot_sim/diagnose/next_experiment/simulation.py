@@ -19,7 +19,7 @@ from artibot_sim.model import MOTORS, Mode, Robot, Rollout, Status, initial_stat
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Choice
 from artibot_sim.model.simulate.commands import as_executed
-from artibot_sim.model.simulate.rollout import integrator_for
+from artibot_sim.model.simulate.rollout import integration
 from artibot_sim.model.simulate.sensors import measured_starts, sensor_errors
 from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, SamplingPlan, kind_of
 from artibot_sim.model.simulate.windows import WindowBatch, window_step
@@ -252,9 +252,10 @@ def trial(
 ) -> TriedManoeuvre | None:
     """A manoeuvre driven by a robot from a place in `map` (m); None where it cannot be simulated."""
     planned = plan(entry.manoeuvre, robot, start=(*place, entry.yaw))
+    integrator, step = integration(robot, _STEP, kappa=KAPPA)
     result = rollout(
-        robot, as_executed(robot, planned.commands()), dt=_STEP, every=round(_KNOT / _STEP), kappa=KAPPA,
-        integrator=integrator_for(robot, _STEP), state=initial_state(robot, *planned.start),
+        robot, as_executed(robot, planned.commands()), dt=step, every=round(_KNOT / step), kappa=KAPPA,
+        integrator=integrator, state=initial_state(robot, *planned.start),
     )  # fmt: skip
     if result.status is not Status.OK:
         return None

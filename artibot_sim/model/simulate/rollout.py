@@ -14,7 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
-from artibot_sim.model.analysis.stability import RELAXATION, largest_step, limited_by, parts, relaxation_limit
+from artibot_sim.model.analysis.stability import (
+    RELAXATION,
+    largest_step,
+    limited_by,
+    parts,
+    relaxation_limit,
+)
 from artibot_sim.model.effects import at_work, has_memory, record
 from artibot_sim.model.equations.kinematics import articulation, articulations
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor, torque_factors
@@ -74,11 +80,42 @@ def default_modes(robot: Robot) -> tuple[Mode, ...]:
     return *front, *behind
 
 
-def integrator_for(robot: Robot, dt: float) -> str:
-    """The more exact integrator that is stable at steps of `dt` (s), modes being the default ones; RK4 cuts trains'."""
+_MOST_PARTS = 100
+"""Parts of a step at most into which RK4 is cut. On stiff ground as many are needed; gears, lines and loops of small
+motors ask for thousands, and semi-implicit steps take these implicitly."""
+
+
+def integration(
+    robot: Robot, dt: float, modes: tuple[Mode, ...] | None = None, kappa: float | None = None,
+    ground: Ground | None = None,
+) -> tuple[str, float]:  # fmt: skip
+    """The integrator and the step (s) to simulate a robot with, whole numbers of which make `dt` (s).
+
+    RK4, which on stiff ground is nearer to the paper's equations at about the same cost, with the longest step that is
+    stable. Semi-implicit steps of `dt` where these would be very short.
+
+    Parameters
+    ----------
+    robot : Robot
+    dt : float
+    modes : tuple of Mode, optional
+        As for `rollout`; the default ones.
+    kappa : float, optional
+        As for `rollout`; the robot's own.
+    ground : Ground, optional
+
+    Returns
+    -------
+    {"rk4", "semi_implicit"}
+    float
+    """
     if robot.trailing:
-        return "rk4"
-    return "rk4" if largest_step(params(robot), "rk4", default_modes(robot))[0] >= dt else "semi_implicit"
+        return "rk4", dt  # trains' loops cut its steps themselves
+    chosen = default_modes(robot) if modes is None else modes
+    p = unlimited_beside_prescribed(on_ground(params(robot), ground, robot.wheel.r_w), chosen)
+    longest, _ = largest_step(p, "rk4", chosen, back_torque_factor(robot, kappa))
+    cut = max(1, math.ceil(dt / longest - 1e-9))
+    return ("rk4", dt / cut) if cut <= _MOST_PARTS else ("semi_implicit", dt)
 
 
 def chosen_modes(robot: Robot, commands: Commands, modes: Mode | Sequence[Mode] | None) -> tuple[Mode, ...]:
