@@ -23,7 +23,7 @@ fi
 # Whole files to each process, those that take longest first (test/conftest.py): none is left alone with one at the end.
 files=(--dist loadfile --no-loadscope-reorder)
 alone=(test/test_demo.py test/driver/test_safety_loopback.py test/driver/test_drives_command.py)
-waiting=(test/nodes test/test_launch.py test/view)
+waiting=(test/nodes test/driver/test_foreign_drives.py test/test_launch.py test/view)
 can=(test/can)
 rest=("${alone[@]/#/--ignore=}" "${waiting[@]/#/--ignore=}" "${can[@]/#/--ignore=}")
 if [ -e /sys/class/net/vcan0 ]; then
