@@ -21,7 +21,18 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.boosting import boosted
-from artibot_sim.estimation.kinematic import AFTER, BEFORE, FREE, STEP, DrivenWindows, Kinematic, fit_kinematic, ideal
+from artibot_sim.estimation.kinematic import (
+    AFTER,
+    BEFORE,
+    FREE,
+    STEP,
+    TIMED,
+    UNTIMED,
+    DrivenWindows,
+    Kinematic,
+    fit_kinematic,
+    ideal,
+)
 from artibot_sim.estimation.streams import new_values
 from artibot_sim.experiment import Experiment, read_bag
 from artibot_sim.experiment.blocks import BLOCK, in_turn
@@ -157,7 +168,7 @@ Predictor = Callable[[DrivenWindows], Array]
 
 def fit_regressor(windows: DrivenWindows, robot: Robot) -> Predictor:
     """Gradient-boosted trees on the wheels' speeds: what the three-parameter model leaves."""
-    base = fit_kinematic(windows, robot, FREE["ICR with timing"])
+    base = fit_kinematic(windows, robot, FREE[TIMED])
 
     def features(of: DrivenWindows) -> Array:
         bins = np.array_split(np.arange(of.speed.shape[1]), 12)
@@ -320,7 +331,7 @@ FIGURES: dict[str, Callable[[Array], float]] = {
     "median": lambda error: float(np.median(error)),
     "p90": lambda error: float(np.quantile(error, 0.9)),
 }
-BASE = "ICR"
+BASE = UNTIMED
 """Model that others stand against."""
 
 
@@ -394,7 +405,7 @@ def fit_model(model: str, part: RecordingPart, robot: Robot) -> Fitted:
     if model == "regressor":
         trees = fit_regressor(windows, robot)
         return lambda other: trees(other.windows), ""
-    rolling = fit_kinematic(windows, robot, FREE["ICR with timing"])
+    rolling = fit_kinematic(windows, robot, FREE[TIMED])
     work = fit_artibot(part, robot, ARTIBOT[model], rolling)
     values = ", ".join(f"{e.name} {e.value:.3g} ({e.ci95[0]:.3g} … {e.ci95[1]:.3g})" for e in work.result.estimates)
     identified, late = as_recorded(work.result.robot, work.shifts)

@@ -10,6 +10,7 @@ import numpy as np
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.checks.common_map import in_common_map
+from artibot_sim.estimation.kinematic import TIMED, UNTIMED
 from artibot_sim.estimation.measurements import CHANNEL_UNITS
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.result import from_dict, number, prediction_lines, spaced
@@ -36,8 +37,8 @@ _MODELS = {
     "this model": Stroke(TRUE, 2.2),
     "ideal": Stroke(MUTED, 1.3, "dot"),
     "effective track": Stroke(ODOMETRIC, 1.5, "dash"),
-    "ICR": Stroke(POINTS, 1.7),
-    "ICR with timing": Stroke(POINTS, 1.7, "dash"),
+    UNTIMED: Stroke(POINTS, 1.7),
+    TIMED: Stroke(POINTS, 1.7, "dash"),
 }
 _PATHS = Stroke(MUTED, 0.7, "solid", 0.45)
 _WINDOW_MEASURED = Stroke(LEFT, 1.8)

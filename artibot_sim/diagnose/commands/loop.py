@@ -240,17 +240,15 @@ def _fit(parts: _Parts, cut: float) -> _Fit | None:
     torque = parts.centred(parts.torque)
     if not torque.any():
         return None
-    angles = parts.angles(cut, began)
-    behind = np.column_stack([parts.moving, parts.centred(angles)])
-    solved, left = _solved(torque, behind)
-    for _ in range(_AGAIN if cut < math.inf else 0):
-        gain, rising = solved.tolist()
-        if gain <= 0.0 or rising <= 0.0:
-            break
-        began = parts.beginning(gain, rising, cut, began, angles)
+    rounds = 1 + (_AGAIN if cut < math.inf else 0)
+    for k in range(rounds):
         angles = parts.angles(cut, began)
         behind = np.column_stack([parts.moving, parts.centred(angles)])
         solved, left = _solved(torque, behind)
+        gain, rising = solved.tolist()
+        if k == rounds - 1 or gain <= 0.0 or rising <= 0.0:
+            break
+        began = parts.beginning(gain, rising, cut, began, angles)
     return _Fit(torque, behind, solved, float(left @ left), cut, began)
 
 

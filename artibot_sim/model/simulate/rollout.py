@@ -18,6 +18,7 @@ from artibot_sim.model.analysis.stability import (
     RELAXATION,
     largest_step,
     limited_by,
+    number_of_parts,
     parts,
     relaxation_limit,
 )
@@ -113,9 +114,10 @@ def integration(
         return "rk4", dt  # trains' loops cut its steps themselves
     chosen = default_modes(robot) if modes is None else modes
     p = unlimited_beside_prescribed(on_ground(params(robot), ground, robot.wheel.r_w), chosen)
-    longest, _ = largest_step(p, "rk4", chosen, back_torque_factor(robot, kappa))
-    cut = max(1, math.ceil(dt / longest - 1e-9))
-    return ("rk4", dt / cut) if cut <= _MOST_PARTS else ("semi_implicit", dt)
+    longest, motion = largest_step(p, "rk4", chosen, back_torque_factor(robot, kappa))
+    if dt > _MOST_PARTS * longest:
+        return "semi_implicit", dt
+    return "rk4", dt / number_of_parts(dt, 1.0 / longest, motion)
 
 
 def chosen_modes(robot: Robot, commands: Commands, modes: Mode | Sequence[Mode] | None) -> tuple[Mode, ...]:
