@@ -119,7 +119,7 @@ class Diagnosis:
         Nats that an effect therefore had to gain.
     seed : int
     seconds : float
-    left : mapping of str to Left
+    left : mapping of str to SlowResidual
         By channel.
     predictors : tuple of Predictor
         Models that predict the held-out recordings, kinematic ones of a robot without articulation among them.

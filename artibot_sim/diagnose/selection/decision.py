@@ -54,13 +54,13 @@ class Decision:
     problem, fit : Problem, Fit
         With all named effects, without laws.
     stages : tuple of SearchStage
-    other : mapping of str to Other
+    other : mapping of str to CommandEvidence
         What the view driven by commands says of each effect, of the named ones beside each other.
-    left : mapping of str to Left
+    left : mapping of str to SlowResidual
         What the model with all that was named leaves.
     unexplained : ForceFinding or None
         The force that no effect explains, if one was found.
-    apart : ByRecording or None
+    by_recording : ByRecording or None
         The recordings one by one, where they contradict each other.
     between : tuple of (Problem, Fit)
         The model with the first of the `fitted` effects, the first two, …, but not with all.

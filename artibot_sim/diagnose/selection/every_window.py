@@ -94,8 +94,8 @@ class EveryWindow:
         """The evidence of effects that were fitted to the searched windows, over all of them; and the baseline there.
 
         The baseline is fitted from each effect's soil and starts as well, and each takes over starts from the other,
-        as in the search: only what an effect itself adds is its evidence. What fits the searched windows by sampling_sd
-        begins again at neutral where all windows are explained worse with it.
+        as in the search: only what an effect itself adds is its evidence. An effect that fits the searched windows by
+        chance begins again at neutral where all windows are explained worse with it.
 
         Parameters
         ----------

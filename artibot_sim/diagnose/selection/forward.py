@@ -54,7 +54,7 @@ class SearchStage:
     evidence : mapping of str to Evidence
         Of the rivals, by effect, by the view that is driven by rotations.
     problem : Problem
-        The baseline of this turn, with the noise that the best rival's residuals show.
+        The baseline of this search, with the noise that the best rival's residuals show.
     fit : Fit
         The baseline, fitted as hard as any rival.
     loss : Loss
@@ -69,7 +69,7 @@ class SearchStage:
         Log Bayes factors of the rivals from both views, by effect.
     by_every_window : frozenset of str
         Effects whose evidence is of all windows; of the others it is of those that were searched.
-    known : Known
+    known : FitCache
         The fits that were made on the way.
     """
 

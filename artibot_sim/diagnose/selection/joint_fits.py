@@ -190,7 +190,7 @@ def contest(
     loss : Loss
         The baseline's.
     rounds : Rounds
-    known : Known, optional
+    known : FitCache, optional
         Fits that were made of the same trials under the same loss.
     asked : collection of str
         Effects that are fitted in any case.

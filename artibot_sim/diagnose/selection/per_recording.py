@@ -41,7 +41,7 @@ class ByRecording:
         The same of the effects that were fitted.
     nats : float
         Log Bayes factor of a soil of its own in each against one for all.
-    left : tuple of mapping of str to Left
+    left : tuple of mapping of str to SlowResidual
         What each fit leaves, by channel.
     effects : mapping of str to array, shape (recordings, k)
         Coordinates of each effect that was fitted.

@@ -116,7 +116,7 @@ def excluded_below(trial: Trial, least: float, thresholds: Thresholds) -> dict[s
 
 
 def ranking(decision: Decision, thresholds: Thresholds) -> tuple[Candidate, ...]:
-    """All effects, best first: those named as they were found, others as the last turn that tried them saw them."""
+    """All effects, best first: those named as they were found, others as the last search that tried them saw them."""
     named = {n.effect: n for n in decision.named}
     found = []
     for effect in (name for name, declared in EFFECTS.items() if declared.search is not None):

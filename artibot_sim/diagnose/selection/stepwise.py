@@ -542,7 +542,7 @@ def best_of(
         Of what was fitted, by the view that is driven by rotations.
     fitted : mapping of str to float
         Nats of the same from both views.
-    from_commands : mapping of str to Other
+    from_commands : mapping of str to CommandEvidence
         What the view driven by commands says.
     least : float
         Nats that an effect has to gain.

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 
 _ROUNDS = 3
 _FARTHEST, _WITH_FORCE = 0.15, 0.25
-"""Largest change of a parameter's logarithm from one look to the next, and with a force."""
+"""Largest change of a parameter's logarithm from one regression to the next, and beside a force."""
 _RIVALS = 12
 """Of the best forces so many are kept."""
 _SHORTLISTED = 200

@@ -49,7 +49,7 @@ Array = NDArray[np.float64]
 _TURNS = {"periodic, once a turn": 1, "periodic, twice a turn": 2}
 _FEW, _MANY = 3, 8
 """Steps of a fit with a law that may not stay, and with all that do."""
-_LOOKS = 3
+_SEARCHES = 3
 """Times at most that all forces are tried for the first law; for others, on a soil that is less bent, once."""
 _BEGUN, _PROMISED = 14, 10
 """So many of them as the regression has them, and so many as sensitivities do."""
@@ -238,7 +238,7 @@ def _best_law(
     rows = np.unique(np.linspace(0, len(problem) - 1, _WINDOWS).round().astype(int))
     part, best, shortlist = problem.part(rows.tolist()), None, found.shortlist
     point = evaluate(part, loss, [begin.coordinates], begin.starts[rows])[0]
-    for _ in range(_LOOKS if name == LAWS[0] else 1):
+    for _ in range(_SEARCHES if name == LAWS[0] else 1):
         left = [
             *_by_regression(part, loss, name, shortlist, point),
             *_by_sensitivities(problem, part, loss, name, point),

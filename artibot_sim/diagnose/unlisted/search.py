@@ -135,7 +135,7 @@ class Folds:
 
     Parameters
     ----------
-    beside : Beside
+    beside : Nuisance
     fold : array of int, shape (windows,)
     """
 

@@ -307,7 +307,7 @@ def is_minor(gained: Mapping[str, Worth], left: Mapping[str, SlowResidual]) -> b
     ----------
     gained : mapping of str to Worth
         What `improvements` gives.
-    left : mapping of str to Left
+    left : mapping of str to SlowResidual
         What the fit with all causes leaves.
     """
     if not gained or not leaves_more_than_noise(left):

@@ -41,7 +41,7 @@ def predictors(
         Of the fitted recordings: kinematic models are fitted to its windows, for a robot without articulation.
     horizon : float
         s.
-    known : sequence of (Robot, sequence of Held)
+    known : sequence of (Robot, sequence of PredictedRecording)
         Robots by which all of `held` were predicted before, and these predictions (`validation.predictions.predicted`).
     """
     robot = problem.parameters.robot
