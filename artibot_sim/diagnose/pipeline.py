@@ -16,7 +16,6 @@ from artibot_sim.diagnose.conclusion import Conclusion, Withdrawal, concluded, s
 from artibot_sim.diagnose.extended import with_effects_of
 from artibot_sim.diagnose.holdout import distinctly_named, split
 from artibot_sim.diagnose.next_experiment.choice import next_experiment, next_for_force, one_by_one, repeated
-from artibot_sim.diagnose.policy import TRUST
 from artibot_sim.diagnose.records import (
     BASELINE,
     EXTENDED,
@@ -51,10 +50,9 @@ from artibot_sim.estimation.boosting import MISSING, can_grow
 from artibot_sim.estimation.checks.recordings import data_warnings, require_usable
 from artibot_sim.estimation.measurements import missing
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Effort, Fit, Tick
+from artibot_sim.estimation.search import Fit
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.judgement import excitation
-from artibot_sim.identify.run import best_fit
 from artibot_sim.identify.validation import PredictedRecording
 from artibot_sim.model import Robot
 from artibot_sim.model.effects import EFFECTS
@@ -120,9 +118,7 @@ def _diagnosed(
     usual = len(every.rows)
     every, options = affordable(every, options, view_took)
     ticks.begin(Task.SOIL)
-    problem, fit = parts.once(
-        "soil identified", lambda: best_fit(every.problem.part(every.rows), Effort(), ticks, TRUST)
-    )
+    problem, fit = parts.once("soil identified", lambda: every.soil(ticks))
     predicted = sum(int(one.duration / options.horizon) for one in (*fitted, *held))
     ticks.leave_out(*_nothing_to_do(every, problem, fit, predicted))
     naming = Naming(problem, fit, options, ticks, view, every if every.times > 1.0 else None)
@@ -188,14 +184,6 @@ def _key(fitted: Sequence[Experiment], held: Sequence[Experiment], robot: Robot,
             for values in (channel.t_ns, *(channel[column] for column in sorted(channel.columns))):
                 digest.update(np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()
-
-
-def baseline(
-    fitted: Sequence[Experiment], robot: Robot, options: Options, tick: Tick = lambda: None
-) -> tuple[Problem, Fit]:
-    """The paper's model with its soil identified; all windows keep their say, for local effects hide in bad ones."""
-    every = every_window(fitted, robot, options)
-    return best_fit(every.problem.part(every.rows), Effort(), tick, TRUST)
 
 
 # ----------------------------------------------------------------------

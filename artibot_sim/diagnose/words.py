@@ -193,7 +193,7 @@ def doubt(effects: Sequence[str], channels: Sequence[str]) -> str:
     )
 
 
-def besides(effects: Sequence[str], channels: Sequence[str], forces: bool = True) -> str:
+def besides(effects: Sequence[str], channels: Sequence[str], forces: bool) -> str:
     """That something else may act beside what is named; `forces` says whether it would show as a force."""
     names, where = ([effect_words(name) for name in effects], [channel_words(name) for name in channels])
     if not forces:

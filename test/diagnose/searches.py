@@ -1,4 +1,4 @@
-"""Searches for tests that are not about which effect of the list is best: few effects tried, each search made once."""
+"""A diagnosis's searches for tests: the soil's alone, and those for effects with few of them tried, each made once."""
 
 from __future__ import annotations
 
@@ -8,13 +8,22 @@ from typing import Any
 import pytest
 
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis
+from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection import forward, stepwise
+from artibot_sim.diagnose.selection.every_window import every_window
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit
+from artibot_sim.experiment import Experiment
+from artibot_sim.model import Robot
 
 FEW = ("joint_damping", "payload", "slope", "gyro_bias")
 """One of every kind: in the joint, of the body, of the ground, of a sensor."""
+
+
+def baseline(recordings: Sequence[Experiment], robot: Robot, options: Options) -> tuple[Problem, Fit]:
+    """The paper's model with its soil identified, as a diagnosis begins."""
+    return every_window(recordings, robot, options).soil()
 
 
 def try_only(monkeypatch: pytest.MonkeyPatch, *effects: str) -> None:

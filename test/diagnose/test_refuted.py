@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnose.searches import FEW, try_only
+from diagnose.searches import FEW, baseline, try_only
 
 from artibot_sim.diagnose import Verdict, diagnose
 from artibot_sim.diagnose.commands.view import CommandView, command_view
 from artibot_sim.diagnose.conclusion import Conclusion, HeldOut, concluded
-from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import ChannelGain, EffectEstimate, Options, SlowResidual
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.validation.predictions import Worth, is_minor, is_refuted

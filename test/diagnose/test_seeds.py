@@ -17,12 +17,11 @@ import pytest
 from diagnose.hidden import OTHER_GROUND, Case, case
 from diagnose.hidden.score import score
 from diagnose.hidden.work import command_line, in_memory
-from diagnose.searches import FEW, try_only
+from diagnose.searches import FEW, baseline, try_only
 
 from artibot_sim.diagnose import Diagnosis, Verdict, diagnose
 from artibot_sim.diagnose.candidates.hypotheses import hypotheses
 from artibot_sim.diagnose.candidates.screening import converged_baseline, screen
-from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.remains import beyond_noise
 from artibot_sim.diagnose.result import headline

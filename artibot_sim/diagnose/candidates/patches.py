@@ -142,7 +142,7 @@ def _extension(effect: str, disc: _Disc) -> Extension:
     return Extension(effect, dict(zip(search.disc, (disc.x, disc.y, disc.radius), strict=True)))
 
 
-def touched(paths: Sequence[Array], x: float, y: float, radius: float, scale: float = 1.0) -> list[int]:
+def touched(paths: Sequence[Array], x: float, y: float, radius: float, scale: float) -> list[int]:
     """Windows whose wheels may come onto a disc, by their paths (n, 2); `scale` is the robot's `length`."""
     reach = radius + scale * _REACH
     return [i for i, path in enumerate(paths) if (np.hypot(*(path - (x, y)).T) < reach).any()]

@@ -57,7 +57,7 @@ def unlike(found: Mixing) -> str:
     )
 
 
-def mixing(data: CommandData, predicted: Array, used: NDArray[np.bool_], seed: int = 0) -> Mixing | None:
+def mixing(data: CommandData, predicted: Array, used: NDArray[np.bool_]) -> Mixing | None:
     """What sides make of both sides' commands; None where one of them has none.
 
     Parameters
@@ -82,7 +82,7 @@ def mixing(data: CommandData, predicted: Array, used: NDArray[np.bool_], seed: i
     own, other, speed = predicted[rows], predicted[others], data.speed[rows]
     apart, moved = other - _by_own(own, other), speed - _by_own(own, speed)
     sums = np.array([np.bincount(blocks, row) for row in (apart * moved, apart**2, own * speed, own * other, own**2)])
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)  # no choice of resampled blocks is better than another
     draws = [sums[:, rng.integers(0, sums.shape[1], sums.shape[1])] for _ in range(_DRAWS)]
     whole, *drawn = (_turning(*each.sum(axis=1).tolist()) for each in (sums, *draws))
     if not np.isfinite(whole):

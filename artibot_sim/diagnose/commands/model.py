@@ -130,7 +130,7 @@ def _on_ramps(wanted: Array, most: float, edges: NDArray[np.int64], now: Array, 
         on_ramp(wanted[begin:end], most, now, out[begin:end])
 
 
-def left_to_take_up(data: CommandData, integral: float, windup: float = math.inf) -> Array:
+def left_to_take_up(data: CommandData, integral: float, windup: float) -> Array:
     """Recorded torques (n,) less what the integral of a velocity loop has taken up of them (1/s), N m.
 
     The loop asks for gain · (e + integral · ∫ e dt), e being the speed by which its motor falls short, so that

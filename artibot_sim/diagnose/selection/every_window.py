@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.candidates.hypotheses import without_effect
+from artibot_sim.diagnose.policy import TRUST
 from artibot_sim.diagnose.records import HALF_WIDTH, Options
 from artibot_sim.diagnose.selection.evidence import Evidence, evidence
 from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds, adopted, contained, excess_of, with_soil_of
@@ -20,12 +21,13 @@ from artibot_sim.estimation.checks.common_map import in_common_map
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Fit, converge, restarted_windows
+from artibot_sim.estimation.search import Effort, Fit, Tick, converge, restarted_windows
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.experiment import Experiment
 from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
+from artibot_sim.identify.run import best_fit
 from artibot_sim.model import Robot
 
 Array = NDArray[np.float64]
@@ -64,6 +66,13 @@ class EveryWindow:
     def times(self) -> float:
         """How many windows there are for one that is searched."""
         return len(self.problem) / len(self.rows)
+
+    def soil(self, tick: Tick = lambda: None) -> tuple[Problem, Fit]:
+        """The paper's model with its soil identified from the searched windows.
+
+        All of them keep their say, for local effects hide in bad ones.
+        """
+        return best_fit(self.problem.part(self.rows), Effort(), tick, TRUST)
 
     def sampling_sd(self, losses: Array) -> float:
         """Standard deviation, nats, of a sum over the searched windows for which of all windows these are.

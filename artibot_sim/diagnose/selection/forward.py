@@ -128,8 +128,8 @@ def thorough(
     found: SearchStage,
     named: Sequence[str],
     rounds: Rounds,
-    tick: Tick = lambda: None,
-    parts: Checkpoints | None = None,
+    tick: Tick,
+    parts: Checkpoints,
 ) -> SearchStage:
     """A search in which every effect is fitted, whatever its screening gave, and most of them to the end.
 
@@ -141,7 +141,7 @@ def thorough(
     begun = SearchStage(
         found.trials, (), {}, base.problem, found.fit, base.loss, found.screened, base=base, known=found.known
     )
-    return _contested(begun, named, every, tick, parts or Checkpoints())
+    return _contested(begun, named, every, tick, parts)
 
 
 def _contested(
@@ -167,7 +167,7 @@ def _judged(begun: SearchStage, rivals: list[Rival], named: Sequence[str], round
     """Rivals and baseline fitted to the end, with the evidence of each."""
     base, problem, loss, known = begun.base, begun.problem, begun.loss, begun.known
     assert base is not None
-    best, rivals = finished(base, rivals, rounds, tick, known)
+    best, rivals = finished(base, rivals, rounds, tick, known=known)
     near = [r for r in rivals[: rounds.returns] if best.point.cost - r.fit.point.cost >= 2.0 * rounds.worth]
     others = known.all(
         lambda rival: neutralised(rival, best, loss, rounds), near, lambda rival: (neutralised, rival.fit, best),

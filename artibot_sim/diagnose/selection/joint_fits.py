@@ -213,11 +213,11 @@ def contest(
 
 
 def finished(
-    base: Around, rivals: Sequence[Rival], rounds: Rounds, tick: Tick = lambda: None, known: FitCache | None = None
+    base: Around, rivals: Sequence[Rival], rounds: Rounds, tick: Tick = lambda: None, *, known: FitCache
 ) -> tuple[Fit, list[Rival]]:
     """The baseline and the rivals fitted to the end, all with the same effort; the least cost first."""
     begun = [(base.problem, base.point), *((rival.problem, rival.fit.point) for rival in rivals)]
-    best, *fits = (known or FitCache()).all(
+    best, *fits = known.all(
         partial(_settled, base.loss, rounds), begun, lambda one: (_settled, *one),
         _parallel_fits(rounds, tick, base.problem.workers),
     )  # fmt: skip

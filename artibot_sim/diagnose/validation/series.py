@@ -98,7 +98,7 @@ def with_commands(
     return channels, new
 
 
-def covariates(experiment: Experiment, robot: Robot, in_map: bool = True) -> dict[str, Array]:
+def covariates(experiment: Experiment, robot: Robot, in_map: bool) -> dict[str, Array]:
     """What the rover did, on one grid through all segments; NaN for place and heading where these have no one map."""
     rows = [np.empty((0, 7))]
     for t_start, t_end in experiment.segments:

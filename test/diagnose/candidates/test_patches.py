@@ -7,10 +7,10 @@ from functools import cache
 import numpy as np
 import pytest
 from diagnose.hidden.cases import case
+from diagnose.searches import baseline
 
 from artibot_sim.diagnose.candidates.patches import deviations_along, scanned
 from artibot_sim.diagnose.candidates.screening import Around, around
-from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.policy import THRESHOLDS
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection.ranking import excluded_patch

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from diagnose.hidden import case
-from diagnose.searches import FEW, try_only
+from diagnose.searches import FEW, baseline, try_only
 
 from artibot_sim.diagnose.commands.view import command_view
-from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection.stepwise import Naming
 from artibot_sim.diagnose.timetable import Timetable

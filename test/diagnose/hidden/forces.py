@@ -21,9 +21,9 @@ from diagnose.hidden.score import MOST_OF_IT, is_described, relative_gain
 from diagnose.hidden.table import with_interval
 from diagnose.hidden.unlisted import LAWS, UNLISTED
 from diagnose.hidden.work import reference
+from diagnose.searches import baseline
 
 from artibot_sim.cluster import map_tasks
-from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.unlisted.finding import unexplained, unexplained_of

@@ -9,6 +9,7 @@ from __future__ import annotations
 import sys
 
 from diagnose.hidden.cases import case
+from diagnose.searches import baseline
 
 from artibot_sim.diagnose.assessment import Assessor
 from artibot_sim.diagnose.candidates.patches import disc_place, scanned
@@ -16,7 +17,6 @@ from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import concluded
 from artibot_sim.diagnose.extended import found_parameters
 from artibot_sim.diagnose.intervals import judged
-from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.selection.ranking import ranking

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from diagnose.searches import baseline
 
 from artibot_sim.bench.steadiness import EXAMPLES, HIDDEN, Case, generated, recorded
 from artibot_sim.diagnose.holdout import split
-from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection.forward import SearchStage, stage
 from artibot_sim.diagnose.selection.joint_fits import Rounds

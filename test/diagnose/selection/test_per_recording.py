@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from diagnose.hidden import Case, case
+from diagnose.searches import baseline
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect
 from artibot_sim.diagnose.extended import found_parameters
-from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection.per_recording import fitted_by_recording
 from artibot_sim.diagnose.sizes import sized

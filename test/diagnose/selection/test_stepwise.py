@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from diagnose.hidden import case
-from diagnose.searches import FEW, remember_stages, try_only
+from diagnose.searches import FEW, baseline, remember_stages, try_only
 
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import HeldOut, concluded
-from artibot_sim.diagnose.pipeline import baseline
 from artibot_sim.diagnose.policy import THRESHOLDS, Thresholds
 from artibot_sim.diagnose.records import Options, Verdict
 from artibot_sim.diagnose.selection import stepwise
