@@ -33,7 +33,7 @@ from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.selection.every_window import EveryWindow, affordable, every_window
 from artibot_sim.diagnose.selection.evidence import DECADE
 from artibot_sim.diagnose.selection.ranking import ranking
-from artibot_sim.diagnose.selection.stepwise import Naming
+from artibot_sim.diagnose.selection.stepwise import StepwiseSelection
 from artibot_sim.diagnose.timetable import StageReport, Task, TimeLimit, Timetable
 from artibot_sim.diagnose.unlisted.finding import unexplained_of
 from artibot_sim.diagnose.unlisted.fitting import law_of
@@ -121,11 +121,11 @@ def _diagnosed(
     problem, fit = parts.once("soil identified", lambda: every.soil(ticks))
     predicted = sum(int(one.duration / options.horizon) for one in (*fitted, *held))
     ticks.leave_out(*_nothing_to_do(every, problem, fit, predicted))
-    naming = Naming(problem, fit, options, ticks, view, every if every.times > 1.0 else None)
-    decision = naming.decide()
+    selection = StepwiseSelection(problem, fit, options, ticks, view, every if every.times > 1.0 else None)
+    decision = selection.decide()
     assessor = Assessor(robot, fitted, held, options, ticks, view)
     latest = time.perf_counter() + options.for_search
-    found = concluded(decision, view, assessor.worth, ticks, latest, naming.without)
+    found = concluded(decision, view, assessor.worth, ticks, latest, selection.without)
     assessed = assessor(found.decision)
     result = result_of(robot, fitted, held, found, assessed, options, view)
     given = TimeLimit(lambda: options.left, found.decision.untried)

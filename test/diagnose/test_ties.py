@@ -7,7 +7,7 @@ import pytest
 
 from artibot_sim.diagnose.policy import THRESHOLDS
 from artibot_sim.diagnose.selection.evidence import CommandEvidence, Evidence
-from artibot_sim.diagnose.selection.stepwise import best_of
+from artibot_sim.diagnose.selection.naming import best_of
 
 LEAST = 58.0
 

@@ -6,7 +6,7 @@ gains a little in each window would be asked for the same nats with a quarter of
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from artibot_sim.diagnose.candidates.hypotheses import without_effect
 from artibot_sim.diagnose.policy import TRUST
 from artibot_sim.diagnose.records import HALF_WIDTH, Options
+from artibot_sim.diagnose.selection.decision import Named
 from artibot_sim.diagnose.selection.evidence import Evidence, evidence
+from artibot_sim.diagnose.selection.forward import SearchStage
 from artibot_sim.diagnose.selection.joint_fits import Rival, Rounds, adopted, contained, excess_of, with_soil_of
 from artibot_sim.estimation.checks.common_map import in_common_map
 from artibot_sim.estimation.parallel import side_by_side
@@ -43,6 +45,8 @@ SEARCH, END = 10_000, 600
 intervals and predictions take after that, about: 6000 to 10 000 (Husky, 2 s; Agri.q, 5 s), and 400 to 600."""
 COMMANDS = 5.0
 """Times that the first command view takes, in which it is asked for evidence and others are made, about (Husky)."""
+_SAMPLING = 2.0
+"""Standard deviations by which the windows that are searched may differ from all."""
 _PILOT = 3
 """Predictions by which their time is measured."""
 
@@ -137,6 +141,40 @@ class EveryWindow:
             lambda one: evidence(one[0], best, one[1]), list(zip(found, excess, strict=True)), workers
         )
         return stated, (every, best)
+
+
+def rivals_for_every_window(
+    every: EveryWindow, found: SearchStage, best: Named | None, out: Collection[str], options: Options
+) -> list[Rival]:
+    """Rivals for the evidence of all windows, the most promising ones first.
+
+    That is asked of the `best` one by the searched windows, of those that tie with it, and of those that may: where
+    other windows may make up for what they are behind. Without a best one it is asked of all that would gain enough
+    if they gained as much in every window.
+
+    Parameters
+    ----------
+    found : SearchStage
+        Of the searched windows.
+    best : Named or None
+        The best effect by these, if one gains enough.
+    out : collection of str
+        Effects that are not named any more.
+    """
+    least, thresholds = options.least, options.thresholds
+    rivals = sorted((one for one in found.rivals if one.id not in out), key=lambda one: -found.nats[one.id])
+    if best is None:
+        return [one for one in rivals if every.times * found.nats[one.id] >= least + thresholds.more(one.id)]
+    first = next((one for one in rivals if one.id == best.effect), None)
+    if first is None:
+        return []
+
+    def may_tie(one: Rival) -> bool:
+        losses = one.fit.point.losses - first.fit.point.losses
+        behind = found.nats[first.id] - found.nats[one.id]
+        return behind <= thresholds.tie + _SAMPLING * every.sampling_sd(losses)
+
+    return [first, *(one for one in rivals if one is not first and (one.id in best.ties or may_tie(one)))]
 
 
 def every_window(fitted: Sequence[Experiment], robot: Robot, options: Options) -> EveryWindow:

@@ -9,7 +9,7 @@ from diagnose.searches import FEW, baseline, try_only
 
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.records import Options
-from artibot_sim.diagnose.selection.stepwise import Naming
+from artibot_sim.diagnose.selection.stepwise import StepwiseSelection
 from artibot_sim.diagnose.timetable import Timetable
 from artibot_sim.estimation.search import Fit, free_parameters
 from artibot_sim.estimation.solver import evaluate, reduce
@@ -30,7 +30,7 @@ def test_the_right_effect_is_named_from_a_baseline_that_is_none(monkeypatch: pyt
     free = free_parameters(problem)
     residuals, sensitivity = problem.linearised(point.coordinates, point.starts, free)
     far = Fit(point, fit.loss, reduce(problem, fit.loss, residuals, sensitivity, point.starts), free, False)
-    found = Naming(problem, far, options, Timetable(), command_view(hidden.recordings, robot)).decide()
+    found = StepwiseSelection(problem, far, options, Timetable(), command_view(hidden.recordings, robot)).decide()
     assert [named.effect for named in found.named] == ["joint_damping"]
     assert np.abs(found.neutral_fit.point.coordinates - fit.point.coordinates).max() < 0.2 * np.abs(AWAY).max()
     assert found.stages[0].fallen < 100.0, "the search that counts began at its own baseline"

@@ -14,7 +14,7 @@ from artibot_sim.diagnose.commands.model import CommandResponse, followed, predi
 from artibot_sim.diagnose.commands.view import CommandView, command_view, view_with
 from artibot_sim.diagnose.policy import THRESHOLDS
 from artibot_sim.diagnose.selection.evidence import others
-from artibot_sim.diagnose.selection.stepwise import best_of
+from artibot_sim.diagnose.selection.naming import best_of
 from artibot_sim.experiment import Experiment, read_bag
 from artibot_sim.identify.synthetic import Noise, random_manoeuvre, random_soil, synthetic
 from artibot_sim.model import Commands, Robot, load_robot

@@ -20,7 +20,7 @@ from artibot_sim.diagnose.intervals import judged
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.selection.ranking import ranking
-from artibot_sim.diagnose.selection.stepwise import Naming
+from artibot_sim.diagnose.selection.stepwise import StepwiseSelection
 from artibot_sim.diagnose.timetable import Timetable
 from artibot_sim.diagnose.validation.stability import drifts
 from artibot_sim.estimation.surroundings import surroundings
@@ -34,7 +34,7 @@ def main(effect: str, severity: str, seed: str, runs: str = "2", duration: str =
     rover, options = load_robot(robot), Options()
     problem, fit = baseline(found.recordings, rover, options)
     view = command_view(found.recordings, rover)
-    decision = Naming(problem, fit, options, Timetable(), view).decide()
+    decision = StepwiseSelection(problem, fit, options, Timetable(), view).decide()
     assessor = Assessor(rover, found.recordings, found.holdout, options, Timetable(), view)
     decision = concluded(decision, view, assessor.worth).decision
     acting = {**found.truth.effects, **found.truth.unlisted}

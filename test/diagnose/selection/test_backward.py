@@ -9,8 +9,8 @@ import pytest
 from diagnose.turns import EVEN, TURNS
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
+from artibot_sim.diagnose.selection.elimination import fits_from_two_soils, removal_of, superfluous
 from artibot_sim.diagnose.selection.joint_fits import Rounds
-from artibot_sim.diagnose.selection.stepwise import fits_from_two_soils, removal_of, superfluous
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge

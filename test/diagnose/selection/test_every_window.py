@@ -45,18 +45,18 @@ def test_what_half_of_the_windows_are_too_few_for_is_named_by_all(monkeypatch: p
     asked = Options(thresholds=replace(Thresholds(), floor=1.4 * by_part, tail=0.0, most=1))
     monkeypatch.setattr(stepwise, "leaves_more_than_noise", lambda left: False)
 
-    few = stepwise.Naming(part, fit, asked, Timetable(), view).decide()
+    few = stepwise.StepwiseSelection(part, fit, asked, Timetable(), view).decide()
     assert not few.named
-    all_of_them = stepwise.Naming(part, fit, asked, Timetable(), view, every).decide()
+    all_of_them = stepwise.StepwiseSelection(part, fit, asked, Timetable(), view, every).decide()
     assert [one.effect for one in all_of_them.named] == ["joint_damping"]
     assert 1.4 * by_part < all_of_them.named[0].nats < 3.0 * by_part
     easy = replace(asked, thresholds=replace(asked.thresholds, floor=0.5 * by_part))
     near = replace(easy, thresholds=replace(easy.thresholds, tie=1e6))
-    first = stepwise.Naming(part, fit, near, Timetable(), view, every).decide().stages[0]
+    first = stepwise.StepwiseSelection(part, fit, near, Timetable(), view, every).decide().stages[0]
     assert all_of_them.stages[0].by_every_window < first.by_every_window == {rival.id for rival in first.rivals}, (
         "what is near may tie"
     )
-    anyway = stepwise.Naming(part, fit, easy, Timetable(), view, every).decide()
+    anyway = stepwise.StepwiseSelection(part, fit, easy, Timetable(), view, every).decide()
     assert [(one.effect, one.nats) for one in anyway.named] == [("joint_damping", all_of_them.named[0].nats)]
     assert len(all_of_them.problem) == len(all_of_them.neutral_problem) == len(whole.problem)
     truth = hidden.truth.effects["joint_damping"]["coefficient"]

@@ -56,9 +56,9 @@ def test_an_effect_that_the_next_one_makes_up_for_is_dropped(monkeypatch: pytest
     robot, options = load_robot("agriq"), Options(thresholds=little)
     problem, fit = baseline(hidden.recordings, robot, options)
     view = command_view(hidden.recordings, robot)
-    right = stepwise.Naming(problem, fit, options, Timetable(), view).decide()
+    right = stepwise.StepwiseSelection(problem, fit, options, Timetable(), view).decide()
     monkeypatch.setattr(stepwise, "best_of", misled)
-    found = stepwise.Naming(problem, fit, options, Timetable(), view).decide()
+    found = stepwise.StepwiseSelection(problem, fit, options, Timetable(), view).decide()
     assert [one.effect for one in found.named] == [one.effect for one in right.named] == [truth]
     assert not right.dropped and len(found.dropped) == 1 and truth not in found.dropped
     nothing_held_out = HeldOut({}, {})
@@ -86,11 +86,11 @@ def test_what_commands_asked_for_is_taken_back_beside_what_explains_it(monkeypat
     problem, fit = as_in_the_file(hidden.recordings[:1], robot)
     view = command_view(hidden.recordings, robot)
     assert view.evidence["torque_limit"].nats > Options().least
-    found = stepwise.Naming(problem, fit, Options(), Timetable(), view).decide()
+    found = stepwise.StepwiseSelection(problem, fit, Options(), Timetable(), view).decide()
     assert [one.effect for one in found.named] == [truth] and found.dropped == ("battery_sag",)
     assert found.named[0].found["rate"].value == pytest.approx(hidden.truth.effects[truth]["rate"], rel=0.01)
     no_searches = Options(thresholds=replace(THRESHOLDS, most=0))
-    none_fitted = stepwise.Naming(problem, fit, no_searches, Timetable(), view).decide()
+    none_fitted = stepwise.StepwiseSelection(problem, fit, no_searches, Timetable(), view).decide()
     assert [one.effect for one in none_fitted.named] == [truth]
 
 
@@ -114,7 +114,7 @@ def test_errors_of_sensors_take_none_of_the_searches(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(stepwise, "best_of", made_up)
     problem, fit = as_in_the_file(hidden.recordings, robot)
     options, view = Options(thresholds=replace(THRESHOLDS, most=1)), command_view(hidden.recordings, robot)
-    found = stepwise.Naming(problem, fit, options, Timetable(), view).decide()
+    found = stepwise.StepwiseSelection(problem, fit, options, Timetable(), view).decide()
     assert [one.effect for one in found.named] == ["gyro_bias", "pose_lever_arm", "slope"]
 
 
@@ -140,7 +140,7 @@ def test_a_search_goes_on_without_what_held_out_recordings_refute(monkeypatch: p
     hidden = case(("slope", "gyro_bias"), seed=5, **DRIVE | {"runs": 1})
     robot, options = load_robot("agriq"), Options()
     problem, fit = baseline(hidden.recordings, robot, options)
-    naming = stepwise.Naming(problem, fit, options, Timetable(), command_view(hidden.recordings, robot))
+    naming = stepwise.StepwiseSelection(problem, fit, options, Timetable(), command_view(hidden.recordings, robot))
     both = naming.decide()
     first, last = (one.effect for one in both.fitted)
     assert {first, last} == {"slope", "gyro_bias"}
