@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -117,7 +116,7 @@ def _table(found: Sequence[TrajectoryRun], manoeuvre: str, robot: str) -> Any:
 
 def _write(found: Sequence[TrajectoryRun], out: Path, robot: str, manoeuvre: str) -> list[Path]:
     from artibot_sim.actuate import sheet
-    from artibot_sim.report.files import write_files
+    from artibot_sim.report.files import json_bytes, write_files
     from artibot_sim.reproduce.page import render_sheet
 
     try:
@@ -131,7 +130,9 @@ def _write(found: Sequence[TrajectoryRun], out: Path, robot: str, manoeuvre: str
             for each in found
         ],
     }  # fmt: skip
-    text = json.dumps(numbers, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    files = {out / "actuation.png": render_sheet(sheet(found, robot, manoeuvre)), out / "actuation.json": text.encode()}
+    files = {
+        out / "actuation.png": render_sheet(sheet(found, robot, manoeuvre)),
+        out / "actuation.json": json_bytes(numbers),
+    }
     write_files(files)
     return list(files)

@@ -42,15 +42,13 @@ def command(
     Example:
       artibot check run0 run1 --robot husky_driven
     """
-    import json
-
     from rich.console import Console
 
     from artibot_sim.estimation.checks.report import check
     from artibot_sim.experiment import open_recording
     from artibot_sim.model import load_robot
     from artibot_sim.progress import Bar
-    from artibot_sim.report.files import write_files
+    from artibot_sim.report.files import json_bytes, write_files
 
     rover, most = load_robot(robot), None if whole else MOST
     with Bar() as bar:
@@ -64,8 +62,7 @@ def command(
     for one in found:
         _show(console, one)
     if as_json is not None:
-        text = json.dumps([one.as_dict() for one in found], indent=1, ensure_ascii=False)
-        write_files({as_json: (text + "\n").encode()})
+        write_files({as_json: json_bytes([one.as_dict() for one in found])})
     return 0 if all(one.usable for one in found) else 1
 
 
@@ -73,6 +70,8 @@ def _show(console: Console, one: Check) -> None:
     """One recording: what has to be mended, what is wrong, what is doubtful, delays."""
     from rich.markup import escape
     from rich.table import Table
+
+    from artibot_sim.estimation.checks.comparisons import AGREES
 
     verdict = "can be used" if one.usable else "has to be mended first"
     console.print(f"[bold]{escape(one.name)}[/bold]: {verdict}" if one.name != "all together" else one.name)
@@ -87,7 +86,7 @@ def _show(console: Console, one: Check) -> None:
         table = Table("stream", "after", "s", "95 %", "agree", box=None, header_style="dim", pad_edge=False)
         for stream, after, delay in one.delays:
             low, high = delay.interval
-            known = delay.agreement >= 0.6
+            known = delay.agreement >= AGREES
             cells = (f"{delay.value:+.3f}", f"{_bound(low)} … {_bound(high)}") if known else ("unknown", "")
             table.add_row(f"  {stream}", after, *cells, f"{100 * delay.agreement:.0f} %")
         console.print(table)

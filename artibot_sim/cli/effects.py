@@ -102,6 +102,7 @@ def adopt(robot_file: Path, name: str, describe: str, law: str, out: Path | None
     from artibot_sim.errors import ArtibotError
     from artibot_sim.model import load_robot
     from artibot_sim.model.effects.files import SUFFIX, effect_document, effect_of, register
+    from artibot_sim.report.files import write_files
 
     robot = load_robot(str(robot_file))
     if law not in robot.effects or not robot.effects[law]["size"]:
@@ -113,5 +114,5 @@ def adopt(robot_file: Path, name: str, describe: str, law: str, out: Path | None
     document = effect_document(name, describe, robot.effects[law])
     register(effect_of(document, str(path)), path)  # refused before anything is written
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120), encoding="utf-8")
+    write_files({path: yaml.safe_dump(document, sort_keys=False, allow_unicode=True, width=120).encode()})
     click.echo(f"wrote {path}")

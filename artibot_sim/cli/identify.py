@@ -56,9 +56,7 @@ class Outputs:
 
     def write(self, work: Work) -> None:
         """Write the page, its picture and the JSON, all or none."""
-        import json
-
-        from artibot_sim.report.files import write_files
+        from artibot_sim.report.files import json_bytes, write_files
         from artibot_sim.report.identification import figure_of, page_of
         from artibot_sim.report.png import render_png
 
@@ -67,7 +65,7 @@ class Outputs:
             files[self.report] = page_of(work)
             files[self.report.with_suffix(".png")] = render_png(figure_of(work))
         if self.as_json is not None:
-            files[self.as_json] = (json.dumps(work.result.as_dict(), indent=1, ensure_ascii=False) + "\n").encode()
+            files[self.as_json] = json_bytes(work.result.as_dict())
         write_files(files)
 
 

@@ -48,13 +48,11 @@ def command(
       artibot inspect husky.db3 --topic /ground_truth/odom=/lidar/odom
       artibot inspect two_rovers --namespace /rover1 --json rover1.json
     """
-    import json
-
     from artibot_sim.exchange.inspection import inspect_recording
     from artibot_sim.experiment import parse_renames
     from artibot_sim.experiment.wheels import parse_joints
     from artibot_sim.progress import Bar
-    from artibot_sim.report.files import write_files
+    from artibot_sim.report.files import json_bytes, write_files
 
     with Bar() as bar:
         stage = bar.stage(f"reading {recording.name}", 1.0)
@@ -62,7 +60,7 @@ def command(
             recording, parse_renames(topics), namespace=namespace, joints=parse_joints(joints), progress=stage
         )
     if as_json is not None:
-        write_files({as_json: (json.dumps(found.as_dict(), indent=1, ensure_ascii=False) + "\n").encode()})
+        write_files({as_json: json_bytes(found.as_dict())})
     _print(found, everything)
     if as_json is not None:
         click.echo(f"wrote {as_json}")

@@ -111,10 +111,8 @@ def _write(
     progress: Callable[[float], None],
 ) -> list[Path]:  # fmt: skip
     """Draw everything, then write all files or none."""
-    import json
-
     from artibot_sim.model import save_robot
-    from artibot_sim.report.files import write_files
+    from artibot_sim.report.files import json_bytes, write_files
     from artibot_sim.reproduce.page import render, render_sheet, render_summary
     from artibot_sim.version import __version__
 
@@ -125,8 +123,7 @@ def _write(
         progress((i + 1) / len(sheets))
     for section in sections:
         files[out / f"section{section.number}.png"] = render_summary(section)
-    numbers = json.dumps(as_json(sections, calibrations), indent=1, ensure_ascii=False, allow_nan=False)
-    files[out / "reproduction.json"] = numbers.encode() + b"\n"
+    files[out / "reproduction.json"] = json_bytes(as_json(sections, calibrations))
     write_files(files)
     paths = list(files)
     for name, found in (calibrations or {}).items():

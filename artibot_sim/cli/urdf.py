@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from artibot_sim.report.files import OutputFile
+from artibot_sim.report.files import OutputFile, write_files
 
 
 @click.command("urdf", context_settings={"help_option_names": ["-h", "--help"]})
@@ -30,4 +30,4 @@ def command(robot: str, out: Path | None) -> None:
     if out is None:
         click.echo(text, nl=False)
     else:
-        out.write_text(text, encoding="utf-8")
+        write_files({out: text.encode()})

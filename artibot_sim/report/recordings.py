@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from artibot_sim.errors import ArtibotError
+from artibot_sim.report.files import json_bytes
 
 if TYPE_CHECKING:
     from artibot_sim.experiment import Experiment
@@ -128,12 +129,9 @@ def _ended(measures: Measures) -> str:
 def _json(
     figure: Figure, experiments: Sequence[Experiment], names: Sequence[str], measured: Sequence[Measures]
 ) -> bytes:
-    import json
-
     from artibot_sim.report.measures import summary
 
-    content = summary(experiments, measured, figure.missing)
-    return (json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
+    return json_bytes(summary(experiments, measured, figure.missing))
 
 
 def remarks_of(names: Sequence[str], experiments: Sequence[Experiment], measured: Sequence[Measures]) -> list[str]:

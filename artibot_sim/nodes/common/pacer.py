@@ -215,14 +215,16 @@ def check_stats(name: str) -> None:
         raise ArtibotError(f"parameter stats: {path}: there is no folder {path.parent}; make it first")
 
 
-def write_statistics(path: Path, statistics: dict[str, Any]) -> None:
-    """Write statistics as JSON, whole or not at all.
+def write_statistics(path: Path | None, statistics: dict[str, Any]) -> None:
+    """Write statistics as JSON, whole or not at all; nothing where no file is asked for.
 
     Raises
     ------
     ArtibotError
         When the file cannot be written.
     """
+    if path is None:
+        return
     part = path.with_name(f".{path.name}.part")
     try:
         part.write_text(json.dumps(statistics, indent=2) + "\n", encoding="utf-8")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +13,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.own_effects import effects_option
 from artibot_sim.nodes.common.options import BoundedNumber, parameter_files
 from artibot_sim.nodes.common.process import built, node_main, run_events
-from artibot_sim.report.files import OutputFile
+from artibot_sim.report.files import OutputFile, json_bytes, write_files
 
 _DELAY = BoundedNumber(min=-1.0, max=1.0)
 _OFFLINE = ("fit", "window", "pose_delay", "as_json", "renames", "joints", "namespace")
@@ -144,7 +143,7 @@ def measure(bag: Path, given: dict[str, Any]) -> int:
         table = {row.name: row.as_dict() for row in rows}
         counts = {"windows": len(found), "fitted_on": len(fit), "covariances_fitted_on": len(short)}
         text = {"recording": str(bag), **counts, "track": track, "odometry": table}
-        given["as_json"].write_text(json.dumps(text, indent=1) + "\n", encoding="utf-8")
+        write_files({given["as_json"]: json_bytes(text)})
     return 0
 
 

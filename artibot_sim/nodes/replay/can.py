@@ -19,10 +19,11 @@ from artibot_driver.pdo import Codec
 from artibot_driver.playback import FrameChoice, Sender, Which, check_alone
 from artibot_sim.experiment.can_frames import CanFrame, can_topics, frame_decoder
 from artibot_sim.experiment.storage import BagInfo, ChannelInfo, RawMessage
+from artibot_sim.nodes.common.pacer import write_statistics
 from artibot_sim.nodes.common.process import asked_to_end, undisturbed
 from artibot_sim.nodes.common.stamps import SECOND
 from artibot_sim.nodes.replay.progress import ReplayProgress
-from artibot_sim.nodes.replay.source import MessageSource, PlayedSpan, lateness_summary, write_statistics
+from artibot_sim.nodes.replay.source import MessageSource, PlayedSpan, lateness_summary
 
 _NAP = 0.02
 _READING = 0.002

@@ -9,12 +9,13 @@ from rclpy.node import Node
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.experiment.storage import BagInfo
+from artibot_sim.nodes.common.pacer import write_statistics
 from artibot_sim.nodes.common.parameters import warn_of_unknown
 from artibot_sim.nodes.common.process import undisturbed
 from artibot_sim.nodes.replay.drive import Driver, Script, request_outlet
 from artibot_sim.nodes.replay.player import DISCOVERY, Outlet, PlaybackOptions, Player, make_outlets
 from artibot_sim.nodes.replay.selection import REQUEST, ReplaySelection, Wish, called, select, without_frames
-from artibot_sim.nodes.replay.source import MessageSource, PlayedSpan, RecordedTime, write_statistics
+from artibot_sim.nodes.replay.source import MessageSource, PlayedSpan, RecordedTime
 
 if TYPE_CHECKING:
     from artibot_sim.nodes.replay.can import FrameOutlet

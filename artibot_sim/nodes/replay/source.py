@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 import time
 from bisect import bisect_right
@@ -10,7 +9,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -215,18 +214,3 @@ def lateness_summary(late_s: np.ndarray) -> dict[str, float]:
     return {
         "late_p50_ms": float(np.median(ms)), "late_p99_ms": float(np.quantile(ms, 0.99)), "late_max_ms": float(ms.max())
     }  # fmt: skip
-
-
-def write_statistics(path: Path | None, found: dict[str, Any]) -> None:
-    """Write what `--stats` asks for.
-
-    Raises
-    ------
-    ArtibotError
-        If the file cannot be written.
-    """
-    if path is not None:
-        try:
-            path.write_text(json.dumps(found, indent=1) + "\n")
-        except OSError as error:
-            raise ArtibotError(f"--stats {path}: cannot be written: {error.strerror}") from error

@@ -40,6 +40,7 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.search import SearchReport
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.model.robot.file import robot_from_dict, robot_to_dict
+from artibot_sim.report.files import json_bytes
 
 # ----------------------------------------------------------------------
 # What a diagnosis' pictures are drawn from, as plain arrays for one file, and back.
@@ -123,9 +124,8 @@ def files_of(found: Diagnosis, page: bytes) -> dict[str, bytes]:
     np.savez_compressed(stream, allow_pickle=False, **arrays)
     best = {BEST: _best_text(found).encode()} if found.best_robot is not None else {}
     residual = {RESIDUAL: found.residual.as_bytes()} if found.residual is not None else {}
-    text = json.dumps(found.as_dict(), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     return {
-        RESULT: text.encode(),
+        RESULT: json_bytes(found.as_dict()),
         EXTENDED: (_refused_text(found, EXTENDED) + _robot_text(found.extended)).encode(),
         BASELINE: (_refused_text(found, BASELINE) + _robot_text(found.baseline_robot)).encode(),
         **best,
