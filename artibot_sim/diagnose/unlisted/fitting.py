@@ -6,6 +6,7 @@ whole windows, as every listed effect is, and stays only if it lowers the same l
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -55,6 +56,8 @@ _BEGUN, _PROMISED = 14, 10
 """So many of them as the regression has them, and so many as sensitivities do."""
 _ALIKE, _WAVES = 4, 2
 """So many forms of a force that follows the same, and so many waves among them."""
+_AT_ONCE = 64
+"""Laws whose sensitivities are simulated at once."""
 _STAGES = ((1, 24), (1, 12), (3, 6), (6, 2))
 """Steps of the fits by which a law is chosen, and of how many of them: the best ones so far."""
 _WINDOWS = 16
@@ -275,9 +278,9 @@ def _by_sensitivities(problem: Problem, part: Problem, loss: Loss, name: str, po
     laws = [one for one in usual if id(one) in extensions]
     half = part.part(range(0, len(part), 2))
     base = around(half, loss, evaluate(half, loss, [point.coordinates], point.starts[::2])[0])
-    promised = side_by_side(
-        lambda one: expected(base, Hypothesis(extensions[id(one)])), laws, problem.workers, lambda: None
-    )
+    hypotheses = [Hypothesis(extensions[id(one)]) for one in laws]
+    batches = [hypotheses[begin : begin + _AT_ONCE] for begin in range(0, len(laws), _AT_ONCE)]
+    promised = itertools.chain(*side_by_side(lambda some: expected(base, some), batches, problem.workers))
     order = sorted(zip(laws, promised, strict=True), key=lambda each: -each[1][0])[: 4 * _PROMISED]
     whole, found = around(part, loss, point), list[_Law]()
     seen = shortlisted(problem, point.coordinates, [one for one, _ in order], of, few)
