@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from artibot_sim.cli.options import reading_options
+from artibot_sim.cli.options import Reading, gathered, reading_options
 from artibot_sim.exchange.own_effects import effects_option
 
 if TYPE_CHECKING:
@@ -28,10 +28,8 @@ _PATH = click.Path(path_type=Path)
 @reading_options
 @click.option("--all", "whole", is_flag=True, help="Read all of a long recording, not pieces of it.")
 @click.option("--json", "as_json", type=click.Path(path_type=Path, dir_okay=False), help="Everything as JSON.")
-def command(
-    recordings: tuple[Path, ...], robot: str, topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None,
-    whole: bool, as_json: Path | None,
-) -> int:  # fmt: skip
+@gathered(Reading, "reading")
+def command(reading: Reading, recordings: tuple[Path, ...], robot: str, whole: bool, as_json: Path | None) -> int:
     """Say in seconds what is wrong with recordings: clocks, units, signs, sides, sensors, excitation.
 
     Streams are held against each other, no soil is fitted. Of a long recording ten pieces from its beginning to its end
@@ -45,18 +43,13 @@ def command(
     from rich.console import Console
 
     from artibot_sim.estimation.checks.report import check
-    from artibot_sim.experiment import open_recording
     from artibot_sim.model import load_robot
     from artibot_sim.progress import Bar
     from artibot_sim.report.files import json_bytes, write_files
 
     rover, most = load_robot(robot), None if whole else MOST
     with Bar() as bar:
-        stages = [(path, bar.stage(f"reading {path.name}", 1.0 / len(recordings))) for path in recordings]
-        read = [
-            open_recording(path, rover, topics=topics, joints=joints, namespace=namespace, most=most, progress=stage)
-            for path, stage in stages
-        ]
+        read = [reading.recording(path, bar, 1.0 / len(recordings), rover, most) for path in recordings]
     found = check(read, rover)
     console = Console(highlight=False)
     for one in found:

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from artibot_sim.cli.options import reading_options
+from artibot_sim.cli.options import Reading, gathered, reading_options
 from artibot_sim.model import MOTORS
 from artibot_sim.report.files import OutputFile
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from artibot_sim.exchange.inspection import Inspection, TopicView, Use
 
 _HALF = 0.5
@@ -33,10 +35,8 @@ _SHOWN = 18
 @reading_options
 @click.option("--all", "everything", is_flag=True, help="Also all topics that artibot does not read.")
 @click.option("--json", "as_json", type=OutputFile(), help="The same as JSON, in SI units.")
-def command(
-    recording: Path, topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None, everything: bool,
-    as_json: Path | None,
-) -> None:  # fmt: skip
+@gathered(Reading, "reading")
+def command(reading: Reading, recording: Path, everything: bool, as_json: Path | None) -> None:
     """Show what is in a recording (folder or file), what it is good for, and what is missing.
 
     Any rosbag2 recording is read, MCAP or SQLite. Topics under other names are listed with what to type. Exit status
@@ -57,8 +57,9 @@ def command(
     with Bar() as bar:
         stage = bar.stage(f"reading {recording.name}", 1.0)
         found = inspect_recording(
-            recording, parse_renames(topics), namespace=namespace, joints=parse_joints(joints), progress=stage
-        )
+            recording, parse_renames(reading.topics), namespace=reading.namespace,
+            joints=parse_joints(reading.joints), progress=stage,
+        )  # fmt: skip
     if as_json is not None:
         write_files({as_json: json_bytes(found.as_dict())})
     _print(found, everything)
@@ -82,7 +83,7 @@ def _print(found: Inspection, everything: bool) -> None:
         console.print(f"{use.name:11}", style="bold", end="")
         console.print(mark, style=style, end=" ")
         console.print("; ".join(use.lacks) if not use.ready else use.command, soft_wrap=True)
-        for limit in use.lacks if use.ready and use.name != "diagnose" else use.lacks[-1:] if _own(found, use) else ():
+        for limit in _limits(found, use):
             console.print(f"{'':20}{limit}", style="dim")
     for line in found.advice:
         console.print(f"→ {line}", soft_wrap=True)
@@ -95,11 +96,12 @@ def _mark(use: Use) -> tuple[str, str]:
     return ("ready  ", "green") if use.share > _HALF else ("partly ", "yellow")
 
 
-def _own(found: Inspection, use: object) -> bool:
-    """Whether a ready diagnosis has a limit that identify, printed just above, has not."""
-    identify = next((other for other in found.uses if other.name == "identify"), None)
-    lacks = getattr(use, "lacks", ())
-    return bool(getattr(use, "ready", False) and identify and len(lacks) > len(identify.lacks))
+def _limits(found: Inspection, use: Use) -> tuple[str, ...]:
+    """Limits of a use that is ready; a diagnosis's but for those that identify, printed just above, has as well."""
+    if not use.ready:
+        return ()
+    above = {limit for other in found.uses if other.name == "identify" for limit in other.lacks}
+    return tuple(limit for limit in use.lacks if use.name != "diagnose" or limit not in above)
 
 
 def _headline(found: Inspection) -> str:
@@ -119,11 +121,9 @@ def _robot(found: Inspection) -> str:
     return f"robot {robot}{started}{''.join(f', {word}' for word in said)}"
 
 
-def _print_topics(found: Inspection, console: object, everything: bool) -> None:
-    from rich.console import Console
+def _print_topics(found: Inspection, console: Console, everything: bool) -> None:
     from rich.table import Table
 
-    assert isinstance(console, Console)
     table = Table("topic", "messages", "Hz", "what", box=None, header_style="bold", pad_edge=False)
     for column in (1, 2):
         table.columns[column].justify = "right"

@@ -65,7 +65,45 @@ holdout_share_option = click.option(
 
 
 @dataclass(frozen=True)
-class GivenRecordings:
+class Reading:
+    """What `reading_options` say: which topics and joints stand for which.
+
+    Attributes
+    ----------
+    topics, joints : tuple of str
+    namespace : str or None
+    """
+
+    topics: tuple[str, ...]
+    joints: tuple[str, ...]
+    namespace: str | None
+
+    def recording(
+        self, path: Path, bar: Bar, size: float, robot: Robot | None = None, most: int | None = None
+    ) -> Experiment:
+        """A recording, read as these options ask for.
+
+        Parameters
+        ----------
+        path : Path
+        bar : Bar
+        size : float
+            Of the stage that reading it is in that.
+        robot : Robot, optional
+            Whose wheels it recorded.
+        most : int, optional
+            Messages that are read at most.
+        """
+        from artibot_sim.experiment import open_recording
+
+        return open_recording(
+            path, robot, topics=self.topics, joints=self.joints, namespace=self.namespace, most=most,
+            progress=bar.stage(f"reading {path.name}", size),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class GivenRecordings(Reading):
     """Recordings to fit to, and what is held out of them or beside them.
 
     Attributes
@@ -73,16 +111,11 @@ class GivenRecordings:
     recordings, holdout : tuple of Path
     holdout_share : float or None
         Of every recording, instead of whole ones.
-    topics, joints : tuple of str
-    namespace : str or None
     """
 
     recordings: tuple[Path, ...]
     holdout: tuple[Path, ...]
     holdout_share: float | None
-    topics: tuple[str, ...]
-    joints: tuple[str, ...]
-    namespace: str | None
 
     def __post_init__(self) -> None:
         if self.holdout and self.holdout_share is not None:
@@ -96,27 +129,11 @@ class GivenRecordings:
     def read(
         self, robot: Robot, bar: Bar, size: float, most: int | None = None
     ) -> tuple[list[Experiment], list[Experiment]]:
-        """What to fit to, and what to predict.
-
-        Parameters
-        ----------
-        robot : Robot
-        bar : Bar
-        size : float
-            Of each one's stage in it.
-        most : int, optional
-            Messages of one that are read at most.
-        """
-        from artibot_sim.experiment import open_recording
+        """What to fit to, and what to predict; parameters as in `recording`, for each one."""
         from artibot_sim.experiment.blocks import without_share
 
-        limit = {} if most is None else {"most": most}
-
-        def read(path: Path) -> Experiment:
-            return open_recording(
-                path, robot, progress=bar.stage(f"reading {path.name}", size), topics=self.topics, joints=self.joints,
-                namespace=self.namespace, **limit,
-            )  # fmt: skip
-
-        used, held = [read(path) for path in self.recordings], [read(path) for path in self.holdout]
+        used, held = (
+            [self.recording(path, bar, size, robot, most) for path in paths]
+            for paths in (self.recordings, self.holdout)
+        )
         return (used, held) if self.holdout_share is None else without_share(used, self.holdout_share)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from artibot_sim.cli.options import reading_options
+from artibot_sim.cli.options import Reading, gathered, reading_options
 from artibot_sim.errors import ArtibotError
 from artibot_sim.report.files import OutputFile, fault
 
@@ -31,9 +31,10 @@ _FILE = OutputFile()
 @reading_options
 @click.option("--start", type=float, help="Draw from here on, s since the recording's start.")
 @click.option("--end", type=float, help="Draw up to here, s.")
+@gathered(Reading, "reading")
 def command(
-    recordings: tuple[Path, ...], png: Path | None, html: Path | None, as_json: Path | None, robot: str | None,
-    topics: tuple[str, ...], joints: tuple[str, ...], namespace: str | None, start: float | None, end: float | None,
+    reading: Reading, recordings: tuple[Path, ...], png: Path | None, html: Path | None, as_json: Path | None,
+    robot: str | None, start: float | None, end: float | None,
 ) -> None:  # fmt: skip
     """Draw recordings (folders or files): path, yaw, speed, motor velocities and torques, articulation.
 
@@ -47,7 +48,6 @@ def command(
       artibot plot husky_a --start 0 --end 30 --png start.png
       artibot plot run7 --json run7.json                 # figures of merit only
     """
-    from artibot_sim.experiment import open_recording
     from artibot_sim.experiment.storage import recording_name
     from artibot_sim.progress import Bar
     from artibot_sim.report.figures import check_count
@@ -62,9 +62,7 @@ def command(
                 raise ArtibotError(f"{png}: cannot be written: {why}; name another file with --png")
         experiments = []
         for path, size in zip(recordings, sizes, strict=True):
-            stage = bar.stage(f"reading {path.name}", size)
-            whole = open_recording(path, topics=topics, joints=joints, namespace=namespace, progress=stage)
-            experiments.append(_part(whole, start, end))
+            experiments.append(_part(reading.recording(path, bar, size), start, end))
         robots = [robot_of_recording(robot, experiment) for experiment in experiments]
         drawing = bar.stage("drawing", _DRAWING * sum(sizes))
         drawn = draw(experiments, robots, png=png, html=html, json=as_json, progress=drawing)

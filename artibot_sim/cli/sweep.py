@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from artibot_sim.cli import EXIT_INTERRUPTED
 from artibot_sim.cli.options import gathered
 from artibot_sim.errors import ArtibotError
 from artibot_sim.exchange.own_effects import effects_option
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
     from artibot_sim.sweep import SweepOutcome, SweepPlan
 
 PAGE = "sweep.html"
-INTERRUPTED = 130
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def _sweep(plan: SweepPlan, out: Path, workers: int | None, scheduler: str | Non
         click.echo(
             f"interrupted: {clock.done} of {plan.count} runs are kept in {out}; the same command goes on", err=True
         )
-        return INTERRUPTED
+        return EXIT_INTERRUPTED
     _print(summary, done, clock)
     return 0
 
