@@ -148,7 +148,7 @@ def _robots(
 
     What commands say weighs with fits.
     """
-    fits = [(decision.neutral_problem, decision.neutral_fit), decision.whole]
+    fits = [decision.fits[0], decision.whole]
     extends = bool(decision.named) or decision.laws is not None
     around = surroundings(fits, tick, decision.others) if extends else surroundings(fits[:1], tick)
     neutral = judged(*fits[0], around[0])

@@ -455,7 +455,8 @@ def soils_of(found: Decision) -> tuple[str, Decision, ByRecording | None]:
             return "instead", found, each
         kept = tuple(one for one in found.named if one.found or one in found.fitted[:count])
         left = remains(problem, fit.point)
-        return "beside", replace(found, named=kept, problem=problem, fit=fit, left=left, by_recording=each), each
+        fits = found.fits[: count + 1]
+        return "beside", replace(found, named=kept, fits=fits, left=left, by_recording=each), each
     return "no", found, None
 
 
@@ -468,9 +469,8 @@ def without_ties_among_named(found: Decision) -> Decision:
 
 def on_no_list(found: Decision) -> Decision:
     """The paper's model: of what is named only what was not fitted to the motion stays."""
-    problem, fit = found.neutral_problem, found.neutral_fit
     named = tuple(one for one in found.named if one.found)
-    return replace(found, named=named, problem=problem, fit=fit, by_recording=None)
+    return replace(found, named=named, fits=found.fits[:1], by_recording=None)
 
 
 def _commanded(found: Decision) -> tuple[Named, ...]:

@@ -108,9 +108,9 @@ def test_a_model_that_a_decision_falls_back_to_has_no_other_ends(fitted: tuple[P
     problem, fit = fitted
     plain, point = without_effect(problem, fit.loss, fit.point)
     neutral = replace(fit, point=point)
-    whole = Decision((), 58.0, plain, neutral, problem, fit, (), {}, beside=((problem, fit),))
+    whole = Decision((), 58.0, ((plain, neutral), (problem, fit)), (), {}, beside=((problem, fit),))
     assert whole.others == (fit,)
-    assert replace(whole, problem=plain, fit=neutral).others == ()
+    assert replace(whole, fits=whole.fits[:1]).others == ()
 
 
 def scales(sd: float, along: float) -> tuple[ParameterSet, Uncertain]:

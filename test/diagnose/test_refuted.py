@@ -101,7 +101,8 @@ def decided(part: Part, named: tuple[Named, ...], against: tuple[str, ...]) -> C
         wrong = any(one.effect in against for one in decision.named)
         return HeldOut({"any": Worth(2.0, 4.0 if wrong else 0.0, 0.0)}, {"yaw": WORSE if wrong else BETTER})
 
-    return concluded(Decision(named, 58.0, problem, fit, problem, fit, (), {}), view, judge)
+    fits = ((problem, fit),) * (1 + sum(not one.found for one in named))
+    return concluded(Decision(named, 58.0, fits, (), {}), view, judge)
 
 
 def test_a_refuted_fit_is_nothing_where_noise_is_all_that_is_left(part: tuple[Part, bool]) -> None:
@@ -130,7 +131,7 @@ def test_an_effect_that_held_out_recordings_bear_stays_without_the_one_found_aft
         worse = bool(gained) and list(gained.values())[-1].after > 2.0
         return HeldOut(gained, {"yaw": WORSE if worse else BETTER})
 
-    search = Decision((FITTED, AFTER), 58.0, problem, fit, problem, fit, (), {}, between=((problem, fit),))
+    search = Decision((FITTED, AFTER), 58.0, ((problem, fit),) * 3, (), {})
     found = concluded(search, view, judge)
     said = [(one.effects, one.reason, one.beside.effects if one.beside else ()) for one in found.withdrawn]
     last = (("joint_friction",), Reason.REFUTED, ("back_friction",))
@@ -151,7 +152,7 @@ def test_of_effects_that_tie_held_out_recordings_tell(
     """The first of a tie is refuted: the other one is tried, and held against the same recordings."""
     (problem, fit, view), _ = part
     against = {"back_friction", "joint_friction"} if both else {"back_friction"}
-    nothing = Decision((), 58.0, problem, fit, problem, fit, (), {})
+    nothing = Decision((), 58.0, ((problem, fit),) * 2, (), {})
     asked: list[str] = []
 
     def judge(decision: Decision) -> HeldOut:

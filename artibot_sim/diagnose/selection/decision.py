@@ -49,10 +49,9 @@ class Decision:
         In the order in which they were found.
     least : float
         Nats that an effect had to gain.
-    neutral_problem, neutral_fit : Problem, Fit
-        The paper's model with its soil identified.
-    problem, fit : Problem, Fit
-        With all named effects, without laws.
+    fits : tuple of (Problem, Fit)
+        The paper's model with its soil identified, then with the first of the `fitted` effects, the first two, …, and
+        with all of them; without laws.
     stages : tuple of SearchStage
     other : mapping of str to CommandEvidence
         What the view driven by commands says of each effect, of the named ones beside each other.
@@ -62,8 +61,6 @@ class Decision:
         The force that no effect explains, if one was found.
     by_recording : ByRecording or None
         The recordings one by one, where they contradict each other.
-    between : tuple of (Problem, Fit)
-        The model with the first of the `fitted` effects, the first two, …, but not with all.
     dropped : tuple of str
         Effects that were found and are not needed beside those found after them.
     refuted : tuple of str
@@ -82,16 +79,12 @@ class Decision:
 
     named: tuple[Named, ...]
     least: float
-    neutral_problem: Problem
-    neutral_fit: Fit
-    problem: Problem
-    fit: Fit
+    fits: tuple[tuple[Problem, Fit], ...]
     stages: tuple[SearchStage, ...]
     other: Mapping[str, CommandEvidence]
     left: Mapping[str, SlowResidual] = field(default_factory=dict)
     unexplained: ForceFinding | None = None
     by_recording: ByRecording | None = None
-    between: tuple[tuple[Problem, Fit], ...] = ()
     dropped: tuple[str, ...] = ()
     refuted: tuple[str, ...] = ()
     untried: tuple[str, ...] = ()
@@ -99,6 +92,26 @@ class Decision:
     searched: float = 1.0
     laws: FittedLaws | None = None
     beside: tuple[tuple[Problem, Fit], ...] = ()
+
+    @property
+    def neutral_problem(self) -> Problem:
+        """The paper's model."""
+        return self.fits[0][0]
+
+    @property
+    def neutral_fit(self) -> Fit:
+        """The paper's model."""
+        return self.fits[0][1]
+
+    @property
+    def problem(self) -> Problem:
+        """With all named effects, without laws."""
+        return self.fits[-1][0]
+
+    @property
+    def fit(self) -> Fit:
+        """With all named effects, without laws."""
+        return self.fits[-1][1]
 
     @property
     def whole(self) -> tuple[Problem, Fit]:
@@ -121,19 +134,11 @@ class Decision:
         """What was fitted with the soil, in the order in which it was found; the rest only commands show."""
         return tuple(one for one in self.named if not one.found)
 
-    @property
-    def fits(self) -> tuple[tuple[Problem, Fit], ...]:
-        """The model with none of `fitted`, with the first of them, the first two, …, and with all."""
-        neutral, last = (self.neutral_problem, self.neutral_fit), (self.problem, self.fit)
-        return (neutral, *self.between[: len(self.fitted) - 1], last) if self.fitted else (last,)
-
     def without_last(self) -> Decision:
         """The decision before the last of the `fitted` effects was found; there has to be one."""
-        gone, (problem, fit) = self.fitted[-1], self.fits[-2]
+        gone = self.fitted[-1]
         named = tuple(one for one in self.named if one is not gone)
-        return replace(
-            self, named=named, problem=problem, fit=fit, laws=None, refuted=(*self.refuted, gone.effect)
-        )  # fmt: skip
+        return replace(self, named=named, fits=self.fits[:-1], laws=None, refuted=(*self.refuted, gone.effect))
 
     @property
     def several_soils(self) -> ByRecording | None:

@@ -340,13 +340,12 @@ class StepwiseSelection:
         """What it came to; commands say of each effect what they say beside the others."""
         model, other = self._model, {**self._other, **command_evidence(self._view, self._model.names)}
         named = tuple(replace(one, found=other[one.effect].found) if one.found else one for one in model.named)
-        fits, last = [*model.fits, *self._refitted_from_other_soils()], len(model.fits) - 1
+        fits, count = [*model.fits, *self._refitted_from_other_soils()], len(model.fits)
         if self._every is not None and model.fitted:
             fits = self._carried(self._every, fits)
         return Decision(
-            named, self._options.least, *fits[0], *fits[last], tuple(self._stages),
-            other, between=tuple(fits[1:last]), dropped=model.dropped, refuted=model.refuted,
-            untried=tuple(self._time.untried), beside=tuple(fits[last + 1 :]),
+            named, self._options.least, tuple(fits[:count]), tuple(self._stages), other,
+            dropped=model.dropped, refuted=model.refuted, untried=tuple(self._time.untried), beside=tuple(fits[count:]),
             searched=1.0 / self._every.times if self._every is not None else 1.0,
         )  # fmt: skip
 

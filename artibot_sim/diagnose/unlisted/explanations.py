@@ -200,9 +200,6 @@ class Explanations:
         found, laws = self._found, one.laws
         assert laws is not None
         named = tuple(each for each in found.named if each.found or found.fitted.index(each) in one.effects)
-        between = tuple(self._model(one.effects[:count]) for count in range(1, len(one.effects)))
-        left = remains(laws.problem, laws.fit.point)
-        return replace(
-            found, named=named, problem=one.problem, fit=one.fit, between=between, left={**found.left, **left},
-            unexplained=one.force, laws=laws,
-        )  # fmt: skip
+        fits = (found.fits[0], *(self._model(one.effects[:count]) for count in range(1, len(one.effects) + 1)))
+        left = {**found.left, **remains(laws.problem, laws.fit.point)}
+        return replace(found, named=named, fits=fits, left=left, unexplained=one.force, laws=laws)

@@ -79,7 +79,8 @@ def decision_of(run: Experiment, order: tuple[str, ...]) -> Decision:
     named = tuple(Named(name, NATS[name], (), COMMANDED.get(name, {}), at.get(name, 0)) for name in order)
     first = fit_of(neutral)
     view = others(command_view([run], ROBOT))
-    return Decision(named, 40.0, neutral, first, problem, fit, tuple(stages), view)
+    between = [(one.problem, fit_of(one.problem)) for one in stages[1:-1]]
+    return Decision(named, 40.0, ((neutral, first), *between, (problem, fit)), tuple(stages), view)
 
 
 ORDERS = [

@@ -45,7 +45,7 @@ def with_slope(*hidden: str) -> tuple[Case, Decision]:
     fit = converge(larger, evaluate(larger, EVEN, [begin], neutral.point.starts)[0], EVEN, 8)
     left = remains(larger, fit.point)
     assert leaves_more_than_noise(left)
-    return found, Decision((Named("slope", 1000.0, ()),), 58.0, problem, neutral, larger, fit, (), {}, left)
+    return found, Decision((Named("slope", 1000.0, ()),), 58.0, ((problem, neutral), (larger, fit)), (), {}, left)
 
 
 @pytest.mark.long

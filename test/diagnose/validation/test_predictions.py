@@ -49,10 +49,8 @@ def test_each_cause_takes_its_own_error_away(lag_first: bool) -> None:
         Named("joint_friction", 500.0, ()),
         Named("speed_loop_lag", 400.0, (), {"time_constant": EffectEstimate(LAG, "s")}),
     ]
-    decision = Decision(
-        tuple(named[::-1] if lag_first else named), 40.0, problem, stages[0].fit, stages[1].problem,
-        stages[1].fit, stages, {},
-    )  # fmt: skip
+    fits = tuple((one.problem, one.fit) for one in stages)
+    decision = Decision(tuple(named[::-1] if lag_first else named), 40.0, fits, stages, {})
     pair = predict(run, True, ROBOT, REAL, OPTIONS.horizon, 1)
     found = improvements(decision, [pair], REAL, command_view([run], ROBOT), OPTIONS)
     assert set(found) == {"joint_friction", "speed_loop_lag"}
@@ -71,9 +69,7 @@ def test_what_is_not_there_makes_nothing_likelier() -> None:
     problem = problem_of([run], parameter_set(ROBOT), 5.0, 1)
     stages = (turn_at(problem, np.empty(0)),)
     named = (Named("speed_loop_lag", 400.0, (), {"time_constant": EffectEstimate(LAG, "s")}),)
-    decision = Decision(
-        named, 40.0, problem, stages[0].fit, problem, stages[0].fit, stages, {}
-    )  # fmt: skip
+    decision = Decision(named, 40.0, ((problem, stages[0].fit),), stages, {})
     slow = replace(ROBOT, effects={"speed_loop_lag": {"time_constant": LAG}})
     pair = predict(run, True, ROBOT, slow, OPTIONS.horizon, 1)
     found = improvements(decision, [pair], slow, command_view([run], ROBOT), OPTIONS)
