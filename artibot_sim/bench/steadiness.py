@@ -18,7 +18,7 @@ import click
 import numpy as np
 
 from artibot_sim.diagnose import Diagnosis, Options, diagnose
-from artibot_sim.diagnose.selection.evidence import DECADE
+from artibot_sim.diagnose.records import DECADE
 from artibot_sim.experiment import Channel, Experiment, read_bag
 from artibot_sim.identify.synthetic import random_manoeuvre, random_soil, synthetic
 from artibot_sim.model import Robot, load_robot

@@ -18,6 +18,7 @@ from artibot_sim.diagnose.holdout import distinctly_named, split
 from artibot_sim.diagnose.next_experiment.choice import next_experiment, next_for_force, one_by_one, repeated
 from artibot_sim.diagnose.records import (
     BASELINE,
+    DECADE,
     EXTENDED,
     GIVEN,
     UNNAMED,
@@ -31,7 +32,6 @@ from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noi
 from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.selection.every_window import EveryWindow, affordable, every_window
-from artibot_sim.diagnose.selection.evidence import DECADE
 from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.selection.stepwise import StepwiseSelection
 from artibot_sim.diagnose.timetable import StageReport, Task, TimeLimit, Timetable

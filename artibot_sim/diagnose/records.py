@@ -131,6 +131,9 @@ class Options:
 
 Array = NDArray[np.float64]
 
+DECADE = math.log(10.0)
+"""Nats of a factor of ten."""
+
 
 @dataclass(frozen=True)
 class EffectEstimate:

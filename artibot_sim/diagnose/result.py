@@ -10,6 +10,7 @@ import numpy as np
 
 from artibot_sim.diagnose.records import (
     BASELINE,
+    DECADE,
     EXTENDED,
     FILES,
     HORIZON,
@@ -293,8 +294,6 @@ _MOST = 0.5
 """Share of its error that the position must lose to stand for all channels."""
 _FEW = 3
 """Effects that are listed one by one in a sentence."""
-_DECADE = float(np.log(10.0))
-"""nats of a factor of ten."""
 
 
 def headline(found: Diagnosis) -> str:
@@ -593,7 +592,7 @@ def sureness(found: Diagnosis) -> str:
         best = max(found.ranking, key=lambda c: c.log10_bayes_factor, default=None)
         if best is None:
             return ""
-        takes = f"; a name takes {odds(found.threshold / _DECADE)}" if found.threshold > 0.0 else ""
+        takes = f"; a name takes {odds(found.threshold / DECADE)}" if found.threshold > 0.0 else ""
         return f"The best of {len(found.ranking)} known effects is {_rival(best)}{takes}."
     cause = found.causes[0]
     parts = [f"Evidence for {effect_words(cause.effect)} over the model without it: {odds(cause.log10_bayes_factor)}."]
@@ -643,7 +642,7 @@ def not_named(found: Diagnosis) -> str:
     if not found.threshold > 0.0:
         return ""
     named = {name for cause in found.causes for name in (cause.effect, *cause.ties)}
-    strong = [c for c in found.ranking if c.effect not in named and c.log10_bayes_factor >= found.threshold / _DECADE]
+    strong = [c for c in found.ranking if c.effect not in named and c.log10_bayes_factor >= found.threshold / DECADE]
     strong = sorted((c for c in strong if np.isfinite(c.log10_bayes_factor)), key=lambda c: -c.log10_bayes_factor)
     if not strong:
         return ""

@@ -18,7 +18,7 @@ from diagnose.hidden.logged import RECIPES, VARYING
 from diagnose.hidden.null import NullCase, added, read, surplus, write
 
 from artibot_sim.diagnose.policy import THRESHOLDS
-from artibot_sim.diagnose.selection.evidence import DECADE
+from artibot_sim.diagnose.records import DECADE
 from artibot_sim.errors import ArtibotError
 
 ROOT = Path(__file__).resolve().parents[2]

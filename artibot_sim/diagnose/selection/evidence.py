@@ -56,9 +56,6 @@ class CommandEvidence:
 
 Array = NDArray[np.float64]
 
-DECADE = float(np.log(10.0))
-"""Nats of a factor of ten."""
-
 
 @dataclass(frozen=True)
 class Evidence:

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from artibot_sim.diagnose.records import SlowResidual, Unexplained
+from artibot_sim.diagnose.records import DECADE, SlowResidual, Unexplained
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
-from artibot_sim.diagnose.selection.evidence import DECADE
 from artibot_sim.diagnose.selection.joint_fits import Rounds, settled
 from artibot_sim.diagnose.words import RECORDING, effect_words, odds
 from artibot_sim.estimation.parallel import side_by_side

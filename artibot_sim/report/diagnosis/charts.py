@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from artibot_sim.diagnose.records import Comparison, Unexplained
+from artibot_sim.diagnose.records import DECADE, Comparison, Unexplained
 from artibot_sim.diagnose.result import Diagnosis, excess
 from artibot_sim.diagnose.validation.residuals import ErrorSamples, gather, sizes
 from artibot_sim.diagnose.words import channel_words, effect_words, is_wrong
@@ -226,8 +226,6 @@ def _error(run: Comparison, channel: str) -> float:
 
 _ROWS = 12
 """Effects that the chart of evidence shows."""
-LOG10 = float(np.log(10.0))
-"""nats of one decade."""
 _MOST = 1500
 """Points on a map at most."""
 _AXIS: dict[str, Any] = {
@@ -285,7 +283,7 @@ def evidence(found: Diagnosis) -> dict[str, Any]:
     tied = {name for cause in found.causes for name in cause.ties}
     ranking = sorted(found.ranking, key=lambda c: (c.effect not in named, -c.log10_bayes_factor))[:_ROWS]
     ranking = [c for c in ranking if np.isfinite(c.log10_bayes_factor)]
-    threshold = found.threshold / LOG10
+    threshold = found.threshold / DECADE
     least = min([0.0, *(c.log10_bayes_factor for c in ranking)])
     most = max([1.15 * threshold, 1.0, *(c.log10_bayes_factor for c in ranking)])
     data = []

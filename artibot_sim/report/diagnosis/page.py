@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from artibot_sim.diagnose import result
-from artibot_sim.diagnose.records import Candidate, EffectEstimate, Unexplained, Verdict
+from artibot_sim.diagnose.records import DECADE, Candidate, EffectEstimate, Unexplained, Verdict
 from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.diagnose.words import (
     amount,
@@ -533,7 +533,7 @@ def _next(found: Diagnosis) -> Part:
     said = [paragraph(what.what, "next")]
     if what.separates:
         between = joined([effect_words(name) for name in what.separates])
-        sure = odds(what.nats / charts.LOG10)
+        sure = odds(what.nats / DECADE)
         said.append(paragraph(f"It would separate {between} by {what.nats:.0f} nats ({sure})."))
     return section("What to measure next", *said)
 

@@ -22,8 +22,8 @@ from diagnose.hidden.table import Scored, with_interval
 from scipy.stats import binomtest
 
 from artibot_sim.diagnose.policy import THRESHOLDS
+from artibot_sim.diagnose.records import DECADE
 from artibot_sim.diagnose.remains import LIMITS
-from artibot_sim.diagnose.selection.evidence import DECADE
 
 RATES = (0.2, 0.05, 0.01)
 """Of false alarms that may be asked for."""

@@ -16,8 +16,9 @@ import numpy as np
 from diagnose.hidden.journal import read_results
 
 from artibot_sim.diagnose.policy import FALSE_ALARM_RATE, THRESHOLDS, Thresholds
+from artibot_sim.diagnose.records import DECADE
 from artibot_sim.diagnose.remains import LIMITS
-from artibot_sim.diagnose.selection.evidence import DECADE, Evidence
+from artibot_sim.diagnose.selection.evidence import Evidence
 from artibot_sim.diagnose.selection.forward import refusal
 from artibot_sim.errors import ArtibotError
 

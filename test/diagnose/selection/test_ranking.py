@@ -13,9 +13,9 @@ from artibot_sim.diagnose.candidates.screening import Trial
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import without_ties_among_named
 from artibot_sim.diagnose.policy import THRESHOLDS
-from artibot_sim.diagnose.records import EffectEstimate, Verdict
+from artibot_sim.diagnose.records import DECADE, EffectEstimate, Verdict
 from artibot_sim.diagnose.selection.decision import Decision, Named
-from artibot_sim.diagnose.selection.evidence import DECADE, Evidence, others
+from artibot_sim.diagnose.selection.evidence import Evidence, others
 from artibot_sim.diagnose.selection.forward import SearchStage
 from artibot_sim.diagnose.selection.joint_fits import Rival
 from artibot_sim.diagnose.selection.ranking import ranking
