@@ -18,7 +18,7 @@ USUAL = ("constant:kappa=1", "constant:kappa=0.65", "by_curvature", "relieve", "
 SCHEMA = "artibot/actuation/1"
 
 
-@click.command("actuate", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.command("actuate", context_settings={"max_content_width": 110})
 @click.argument("manoeuvre", default="table6_agriq")
 @click.option("--robot", default="agriq", show_default=True, help="Name of a robot, or a robot file.")
 @click.option(

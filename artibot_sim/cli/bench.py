@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from artibot_sim.bench.results import Result, Skipped
 
 
-@click.command("bench", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.command("bench", context_settings={"max_content_width": 110})
 @click.option("--json", "path", type=OutputFile(), help="Write the numbers to this file.")
 @click.option("--only", multiple=True, metavar="NAME", help="Only this benchmark or result; may be repeated.")
 @click.option("--quick", is_flag=True, help="Seconds instead of minutes: few runs of the first 8 s, no processes.")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 _SECOND: Final = 1_000_000_000
 _KINDS: Final = ("rpdo", "tpdo", "sync", "nmt", "heartbeat", "emcy", "sdo", "error", "malformed", "other")
-_SETTINGS = {"help_option_names": ["-h", "--help"], "max_content_width": 110}
+_SETTINGS = {"max_content_width": 110}
 
 _params = click.option("--params", metavar="FILE", default=None, help="Driver parameters.  [default: driver]")
 _robot = click.option("--robot", help="Robot: a name or a robot file.  [default: the recording's, or the parameters']")
@@ -97,7 +97,7 @@ def decode(bag: str, params: str | None, robot: str | None, form: str | None, ra
     with quiet_pipe():
         shown = _print(frames, explainer, nodes, frozenset(given["kinds"]), form, raw)
         if not shown and sys.stdout.isatty():
-            click.echo("no frame is like that", err=True)
+            click.echo("no frame matches these options", err=True)
     return 0
 
 

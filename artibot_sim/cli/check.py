@@ -21,7 +21,7 @@ MOST = 150_000
 _PATH = click.Path(path_type=Path)
 
 
-@click.command("check", context_settings={"help_option_names": ["-h", "--help"]})
+@click.command("check")
 @click.argument("recordings", nargs=-1, required=True, metavar="BAG [BAG…]", type=_PATH)
 @effects_option
 @click.option("--robot", required=True, help="Robot name or file that the recordings are of.")

@@ -18,7 +18,7 @@ _READING = 0.05
 """Share of the time that reading one recording takes, of that for diagnosing."""
 
 
-@click.command("diagnose", context_settings={"help_option_names": ["-h", "--help"]})
+@click.command("diagnose")
 @click.argument("recordings", nargs=-1, required=True, metavar="BAG [BAG…]", type=_BAG)
 @effects_option
 @click.option("--robot", required=True, help="Robot name or file: what the recordings are held against.")

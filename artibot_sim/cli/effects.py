@@ -8,11 +8,10 @@ import click
 
 from artibot_sim.exchange.own_effects import effects_option, user_folder
 
-_SETTINGS = {"help_option_names": ["-h", "--help"]}
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
 
-@click.group("effects", context_settings=_SETTINGS)
+@click.group("effects")
 def command() -> None:
     """Effects: what a robot can have beside the paper's model, built in or in files of your own.
 
@@ -29,7 +28,7 @@ def command() -> None:
     """
 
 
-@command.command("list", context_settings=_SETTINGS)
+@command.command("list")
 @effects_option
 def list_() -> None:
     """Every effect that is known, with its parameters."""
@@ -45,7 +44,7 @@ def list_() -> None:
     Console(highlight=False).print(table)
 
 
-@command.command("show", context_settings=_SETTINGS)
+@command.command("show")
 @click.argument("name")
 @effects_option
 def show(name: str) -> None:
@@ -74,7 +73,7 @@ def show(name: str) -> None:
         console.print(f"  {key} [{quantity.unit}]: {bounds}, without it {neutral:g} ({quantity.doc})", markup=False)
 
 
-@command.command("check", context_settings=_SETTINGS)
+@command.command("check")
 @click.argument("files", nargs=-1, required=True, type=_FILE)
 def check(files: tuple[Path, ...]) -> None:
     """Whether files declare effects; the first that does not is refused with one line."""
@@ -85,7 +84,7 @@ def check(files: tuple[Path, ...]) -> None:
         click.echo(f"{path}: {effect.id}, {', '.join(effect.parameters)}")
 
 
-@command.command("adopt", context_settings=_SETTINGS)
+@command.command("adopt")
 @click.argument("robot_file", type=_FILE)
 @click.option("--as", "name", required=True, metavar="ID", help="The effect's id: small letters, digits and _.")
 @click.option("--describe", required=True, metavar="TEXT", help="What it is, in a sentence.")

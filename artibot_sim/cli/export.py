@@ -24,7 +24,7 @@ _SEVERAL = ("diff_drive_controller",)
 """Formats that hold several grounds."""
 
 
-@click.command("export", context_settings={"help_option_names": ["-h", "--help"]})
+@click.command("export")
 @click.argument("sources", nargs=-1, required=True, metavar="BAG | ROBOT…")
 @click.option("--to", "form", required=True, type=click.Choice((*_TABLES, *_ROBOTS)), help="Format to write.")
 @click.option(

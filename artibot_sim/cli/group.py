@@ -11,6 +11,9 @@ import click
 from artibot_sim.cli.words import COMMANDS
 from artibot_sim.version import __version__
 
+_HELP: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
+"""Every command answers to both."""
+
 
 def run_word(word: str, args: Sequence[str], program: str | None = None) -> int:
     """Run one command with its arguments and return its exit status.
@@ -32,7 +35,8 @@ def run_word(word: str, args: Sequence[str], program: str | None = None) -> int:
     module, _, name = COMMANDS[word].target.partition(":")
     target: Any = getattr(importlib.import_module(module), name)
     if isinstance(target, click.Command):
-        status = target.main(args=list(args), prog_name=program or f"artibot {word}", standalone_mode=False)
+        called = program or f"artibot {word}"
+        status = target.main(args=list(args), prog_name=called, standalone_mode=False, **_HELP)
     else:
         status = target(list(args))
     return status if isinstance(status, int) else 0
@@ -63,7 +67,7 @@ class Words(click.Group):
         return StandIn(cmd_name, short_help=COMMANDS[cmd_name].help) if cmd_name in COMMANDS else None
 
 
-@click.group(cls=Words, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Words, context_settings=_HELP)
 @click.version_option(__version__, prog_name="artibot")
 def artibot() -> None:
     """Simulate, drive, record, identify and diagnose articulated eight-wheel rovers.

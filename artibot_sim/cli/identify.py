@@ -69,7 +69,7 @@ class Outputs:
         write_files(files)
 
 
-@click.command("identify", context_settings={"help_option_names": ["-h", "--help"]})
+@click.command("identify")
 @click.argument("recordings", nargs=-1, required=True, metavar="BAG [BAG…]", type=_BAG)
 @effects_option
 @click.option("--robot", required=True, help="Robot name or file; its values are what is assumed beforehand.")

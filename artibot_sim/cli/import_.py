@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 
-@click.command("import", context_settings={"help_option_names": ["-h", "--help"]})
+@click.command("import")
 @click.argument("logs", nargs=-1, required=True, metavar="LOG [LOG…]", type=click.Path(path_type=Path))
 @click.option("--columns", required=True, help="Columns file: what the logs' columns are and their units.")
 @click.option("-o", "--out", type=click.Path(path_type=Path), help="Folder to write [name of the first log].")

@@ -30,7 +30,7 @@ _SHOWN = 18
 """Topics that fit on a screen beside the rest; `--all` shows the others."""
 
 
-@click.command("inspect", context_settings={"help_option_names": ["-h", "--help"]})
+@click.command("inspect")
 @click.argument("recording", metavar="BAG", type=click.Path(path_type=Path))
 @reading_options
 @click.option("--all", "everything", is_flag=True, help="Also all topics that artibot does not read.")

@@ -22,7 +22,7 @@ _DRAWING = 0.15
 _FILE = OutputFile()
 
 
-@click.command("plot", context_settings={"help_option_names": ["-h", "--help"]})
+@click.command("plot")
 @click.argument("recordings", nargs=-1, required=True, metavar="BAG [BAG…]", type=click.Path(path_type=Path))
 @click.option("--png", type=_FILE, help="Picture to write [<bag name>.png here, unless --html or --json is given].")
 @click.option("--html", type=_FILE, help="Page to write: interactive, one file, needs no network.")

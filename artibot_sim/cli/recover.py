@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from artibot_sim.experiment.recover import RecoverReport
 
 
-@click.command("recover", context_settings={"help_option_names": ["-h", "--help"]})
+@click.command("recover")
 @click.argument("recording", type=click.Path(path_type=Path))
 @click.option("-o", "--out", type=click.Path(path_type=Path), help="Folder to write [<name>_recovered beside it].")
 def command(recording: Path, out: Path | None) -> None:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _RESULT, _SWEEP = "diagnosis.json", "sweep.json"
 
 
-@click.command("report", context_settings={"help_option_names": ["-h", "--help"]})
+@click.command("report")
 @click.argument("results", nargs=-1, required=True, metavar="RESULT [BAG…]", type=click.Path(path_type=Path))
 @click.option("--html", type=OutputFile(), help="Page to write [in the result's folder, else NAME.html here].")
 @click.option("--namespace", metavar="NAME", help="Recordings: rover whose topics to read, where there are several.")

@@ -24,7 +24,7 @@ _WEIGHTS = {"calibrate": 60.0, "3": 0.1, "5": 1.0, "6": 5.0, "7": 6.0, "draw": 3
 """How long each part takes, relative to the others."""
 
 
-@click.command("reproduce", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.command("reproduce", context_settings={"max_content_width": 110})
 @click.option("--section", "sections", multiple=True, type=click.Choice(SECTIONS), help="Only this; may be repeated.")
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), default=Path("reproduction"), show_default=True,

@@ -6,10 +6,8 @@ from pathlib import Path
 
 import click
 
-_SETTINGS = {"help_option_names": ["-h", "--help"]}
 
-
-@click.group("robot", context_settings=_SETTINGS)
+@click.group("robot")
 def command() -> None:
     """Robot files: write one for another robot from what its data sheet says.
 
@@ -19,7 +17,7 @@ def command() -> None:
     """
 
 
-@command.command("new", context_settings=_SETTINGS)
+@command.command("new")
 @click.argument("name")
 @click.option("--like", required=True, metavar="ROBOT", help="Robot that it is most like: a name or a robot file.")
 @click.option("--mass", type=float, help="Of the whole robot with its wheels, kg.")

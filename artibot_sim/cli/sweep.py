@@ -52,7 +52,7 @@ class Asked:
         return {word: value for word, value in stated.items() if value is not None}
 
 
-@click.command("sweep", context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.command("sweep", context_settings={"max_content_width": 110})
 @click.argument("file", required=False, metavar="[PLAN.yaml]")
 @click.option(
     "--axis", "axes", multiple=True, metavar="KEY=FROM:TO:COUNT[:log] | KEY=A,B,C", help="What to vary; repeatable."

@@ -9,7 +9,7 @@ import click
 from artibot_sim.report.files import OutputFile, write_files
 
 
-@click.command("urdf", context_settings={"help_option_names": ["-h", "--help"]})
+@click.command("urdf")
 @click.argument("robot")
 @click.option("-o", "--out", type=OutputFile(), help="File to write.  [default: print it]")
 def command(robot: str, out: Path | None) -> None:
