@@ -174,18 +174,28 @@ def _print(sections: Sequence[Section], written: Sequence[Path]) -> None:
 
 
 def _print_the_paper(console: Console, sections: Sequence[Section]) -> None:
-    """Every result of the paper beside ours; the page has its inputs, statements and assumptions, too."""
+    """Every result of the paper beside ours, with what each reading assumes; the page has inputs and statements, too.
+
+    Assumptions are numbered and listed below: many rows share them, and none fits beside the numbers in 80 columns.
+    """
     from rich.table import Table as Shown
 
     from artibot_sim.reproduce.result import the_paper
 
     table = the_paper([section for section in sections if section.number != INPUTS])
-    rows = [row[1:5] for row in table.rows if row[4]]
+    rows = [row[1:] for row in table.rows if row[4]]
     if not rows:
         return
-    shown = Shown(title=table.title, caption=table.note, title_justify="left", caption_justify="left", box=None)
-    for column in table.columns[1:5]:
-        shown.add_column(column, overflow="fold", justify="left" if column == "quantity" else "right")
-    for row in rows:
-        shown.add_row(*row)
+    numbers: dict[str, int] = {}
+    shown = Shown(title=table.title, title_justify="left", box=None)
+    for column in table.columns[1:]:
+        left = column in ("quantity", "assumes")
+        shown.add_column(column, overflow="fold", justify="left" if left else "right", no_wrap=column != "quantity")
+    for *cells, assumes in rows:
+        said = [numbers.setdefault(text, len(numbers) + 1) for text in assumes.split("; ") if text]
+        shown.add_row(*cells, ", ".join(map(str, sorted(said))))
     console.print(shown)
+    console.print("Assumed:")
+    for text, number in numbers.items():
+        console.print(f" {number}. {text}")
+    console.print(table.note, style="dim")

@@ -24,7 +24,7 @@ PREDICTED = "prediction"
 TAKEN = "input"
 """The robot file holds the printed number itself, or says why it does not."""
 _NAMES = {TAKEN: "input", CALIBRATED: "calibrated", PREDICTED: "predicted"}
-_ASSUMPTION = {TAKEN: "taken from it", CALIBRATED: "fitted to it"}
+_ASSUMPTION = {TAKEN: "taken from it", CALIBRATED: "fitted to the printed number"}
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import math
 
 import pytest
+from rich.console import Console
 
+from artibot_sim.cli.reproduce import _print_the_paper
 from artibot_sim.model import load_robot
 from artibot_sim.model.equations.transmission import back_torque_factor
 from artibot_sim.planning import load_manoeuvre, plan
@@ -86,7 +89,29 @@ def test_the_papers_table_has_every_number_with_its_sign_and_what_the_paper_stat
     off = PaperComparison("e", "%", "Fig. 9", -5.0, -4.0, 2.0, CALIBRATED, "two metres")
     table = the_paper([Section(2, "t", (), (), (off,), said), Section(1, "t", (), (), (compared(6.0, "m"),), ())])
     assert table.rows == (
-        ("Fig. 9", "e", "−5.00 %", "−4.00 %", "+1.00 points", "two metres; fitted to it"),
+        ("Fig. 9", "e", "−5.00 %", "−4.00 %", "+1.00 points", "two metres; fitted to the printed number"),
         ("Fig. 10", "in the paper", "holds", "does not hold", "", ""),
-        ("Table 0", "x", "5.00 m", "6.00 m", "+20.0 %", "fitted to it"),
+        ("Table 0", "x", "5.00 m", "6.00 m", "+20.0 %", "fitted to the printed number"),
     )
+
+
+def test_the_terminal_says_what_each_number_assumes_within_80_columns() -> None:
+    """By number, each assumption listed once, whole."""
+    shown = io.StringIO()
+    assumed = "a circle of 117° after 2 m straight on", "printed without a sign, taken as negative"
+    numbers = (
+        PaperComparison("Test 1: e_γ, driven by rotations", "%", "Table 5", -40.39, -42.28, 2.0, PREDICTED, assumed[0]),
+        PaperComparison("Epi.q (best fit), κ = 0.6: e_γ", "%", "Table 7", -1.98, -1.86, 2.0, CALIBRATED, assumed[1]),
+        PaperComparison("Epi.q: e_γ", "%", "Table 7", -1.98, -1.86, 2.0, PREDICTED, "; ".join(assumed)),
+        PaperComparison("Epi.q: e_x", "%", "Table 7", 1.79, 2.34, 2.0, PREDICTED),
+    )
+    _print_the_paper(Console(file=shown, width=80), [Section(7, "t", (), (), numbers, ())])
+    lines = shown.getvalue().splitlines()
+    assert max(map(len, lines)) <= 80
+    where = {text: [line for line in lines if text in line] for text in (*assumed, "fitted to the printed number")}
+    assert all(len(found) == 1 for found in where.values())
+    number = {text: found[0].split(".")[0].strip() for text, found in where.items()}
+    (both,) = (line for line in lines if line.startswith(" Epi.q: e_γ"))
+    assert both.split("points")[1].strip() == ", ".join(sorted(number[text] for text in assumed))
+    (free,) = (line for line in lines if line.startswith(" Epi.q: e_x"))
+    assert free.rstrip().endswith("points")
