@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from artibot_sim.cli.options import Reading, gathered, reading_options
+from artibot_sim.cli.options import ReadingOptions, gathered, reading_options
 from artibot_sim.exchange.own_effects import effects_option
 
 if TYPE_CHECKING:
@@ -28,8 +28,10 @@ _PATH = click.Path(path_type=Path)
 @reading_options
 @click.option("--all", "whole", is_flag=True, help="Read all of a long recording, not pieces of it.")
 @click.option("--json", "as_json", type=click.Path(path_type=Path, dir_okay=False), help="Everything as JSON.")
-@gathered(Reading, "reading")
-def command(reading: Reading, recordings: tuple[Path, ...], robot: str, whole: bool, as_json: Path | None) -> int:
+@gathered(ReadingOptions, "reading")
+def command(
+    reading: ReadingOptions, recordings: tuple[Path, ...], robot: str, whole: bool, as_json: Path | None
+) -> int:
     """Say in seconds what is wrong with recordings: clocks, units, signs, sides, sensors, excitation.
 
     Streams are held against each other, no soil is fitted. Of a long recording ten pieces from its beginning to its end

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from artibot_sim.cli.options import Reading, gathered, reading_options
+from artibot_sim.cli.options import ReadingOptions, gathered, reading_options
 from artibot_sim.model import MOTORS
 from artibot_sim.report.files import OutputFile
 
@@ -35,8 +35,8 @@ _SHOWN = 18
 @reading_options
 @click.option("--all", "everything", is_flag=True, help="Also all topics that artibot does not read.")
 @click.option("--json", "as_json", type=OutputFile(), help="The same as JSON, in SI units.")
-@gathered(Reading, "reading")
-def command(reading: Reading, recording: Path, everything: bool, as_json: Path | None) -> None:
+@gathered(ReadingOptions, "reading")
+def command(reading: ReadingOptions, recording: Path, everything: bool, as_json: Path | None) -> None:
     """Show what is in a recording (folder or file), what it is good for, and what is missing.
 
     Any rosbag2 recording is read, MCAP or SQLite. Topics under other names are listed with what to type. Exit status

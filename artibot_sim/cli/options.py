@@ -65,7 +65,7 @@ holdout_share_option = click.option(
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadingOptions:
     """What `reading_options` say: which topics and joints stand for which.
 
     Attributes
@@ -103,7 +103,7 @@ class Reading:
 
 
 @dataclass(frozen=True)
-class GivenRecordings(Reading):
+class GivenRecordings(ReadingOptions):
     """Recordings to fit to, and what is held out of them or beside them.
 
     Attributes

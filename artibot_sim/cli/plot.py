@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from artibot_sim.cli.options import Reading, gathered, reading_options
+from artibot_sim.cli.options import ReadingOptions, gathered, reading_options
 from artibot_sim.errors import ArtibotError
 from artibot_sim.report.files import OutputFile, fault
 
@@ -31,9 +31,9 @@ _FILE = OutputFile()
 @reading_options
 @click.option("--start", type=float, help="Draw from here on, s since the recording's start.")
 @click.option("--end", type=float, help="Draw up to here, s.")
-@gathered(Reading, "reading")
+@gathered(ReadingOptions, "reading")
 def command(
-    reading: Reading, recordings: tuple[Path, ...], png: Path | None, html: Path | None, as_json: Path | None,
+    reading: ReadingOptions, recordings: tuple[Path, ...], png: Path | None, html: Path | None, as_json: Path | None,
     robot: str | None, start: float | None, end: float | None,
 ) -> None:  # fmt: skip
     """Draw recordings (folders or files): path, yaw, speed, motor velocities and torques, articulation.
