@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import InitVar, dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
 
@@ -179,6 +179,8 @@ class Problem:
         Integration step, s; the longest that the robot allows by default.
     seed : int
         Of every random draw that a fit of these windows makes.
+    known : WindowBatch, optional
+        Of the same parameters and stretches, with other windows: what it knows of motors is not worked out again.
     """
 
     parameters: ParameterSet
@@ -188,21 +190,27 @@ class Problem:
     kappa: Sequence[float | None] = ()
     dt: float | None = None
     seed: int = 0
+    known: InitVar[WindowBatch | None] = None
     _batch: WindowBatch = field(init=False, repr=False)
     _before: list[int | None] = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
-        kappa = self.kappa or [None] * len(self.stretches)
-        tables = [stretch.table(share) for stretch, share in zip(self.stretches, kappa, strict=True)]
-        dt = self.dt or longest_step(self.parameters, tables)
+    def __post_init__(self, known: WindowBatch | None) -> None:
+        batch = known or self._any_batch()
         plans = [window.plan for window in self.windows]
         self._before = predecessors(self.windows)
         after = {before: i for i, before in enumerate(self._before) if before is not None}
         ends = []
         for i, w in enumerate(self.windows):
             knots = self.windows[after[i]].first - w.first if i in after else w.knots
-            ends.append(_state_at(self.parameters.robot, knots * tables[w.stretch].dt))
-        self._batch = WindowBatch(tables, plans + ends, dt, self.workers, self.parameters.robot)
+            ends.append(_state_at(self.parameters.robot, knots * batch.tables[w.stretch].dt))
+        self._batch = batch.with_plans(plans + ends)
+
+    def _any_batch(self) -> WindowBatch:
+        """A batch of these stretches that is asked for nothing yet."""
+        kappa = self.kappa or [None] * len(self.stretches)
+        tables = [stretch.table(share) for stretch, share in zip(self.stretches, kappa, strict=True)]
+        dt = self.dt or longest_step(self.parameters, tables)
+        return WindowBatch(tables, (), dt, self.workers, self.parameters.robot)
 
     def __len__(self) -> int:
         return len(self.windows)
@@ -217,7 +225,7 @@ class Problem:
 
     def part(self, rows: Sequence[int]) -> Problem:
         """This problem with some of its windows only."""
-        return replace(self, windows=[self.windows[i] for i in rows])
+        return replace(self, windows=[self.windows[i] for i in rows], known=self._batch)
 
     def with_parameters(self, parameters: ParameterSet) -> Problem:
         """This problem for other parameters: its windows stay, and its integration step unless effects need another."""
@@ -235,7 +243,7 @@ class Problem:
     def rescaled(self, levels: Array) -> Problem:
         """This problem with the noise of each channel multiplied by `levels` (channels,)."""
         windows = [replace(w, sigma=w.sigma * levels[w.channel]) for w in self.windows]
-        return replace(self, windows=windows)
+        return replace(self, windows=windows, known=self._batch)
 
     @property
     def size(self) -> int:
@@ -367,8 +375,7 @@ class Problem:
         """Whatever `plans` (one a window) ask for, (m,) each."""
         robots, count = [self.parameters.robot_at(coordinates)], np.arange(len(self.windows))
         usual = self._batch_for(robots)
-        batch = WindowBatch(usual.tables, list(plans), usual.dt, usual.workers)
-        return batch.run(robots, self._items(robots, np.zeros_like(count), count, starts, count))
+        return usual.with_plans(plans).run(robots, self._items(robots, np.zeros_like(count), count, starts, count))
 
     def carried(self, coordinates: Array, starts: Array) -> Array:
         """Starts as the windows before predict them, where there is one; `starts` elsewhere."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -194,9 +195,17 @@ class Effect:
 
     def active(self, values: Values) -> bool:
         """Whether these values make a difference."""
-        strengths = list(self.parameters)[: self.sizes]
-        known = ((parts.of_pair(key)[0], value) for key, value in values.items())
-        return any(value != self.parameters[name].neutral for name, value in known if name in strengths)
+        neutral = self._neutral
+        for key, value in values.items():
+            name = key if key in self.parameters else parts.of_pair(key)[0]
+            if name in neutral and value != neutral[name]:
+                return True
+        return False
+
+    @cached_property
+    def _neutral(self) -> dict[str, float | str]:
+        """Neutral values of the parameters that say how strong it is."""
+        return {name: self.parameters[name].neutral for name in list(self.parameters)[: self.sizes]}
 
 
 def number(

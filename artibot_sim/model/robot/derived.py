@@ -75,12 +75,24 @@ def params(robot: Robot) -> Params:
     ArtibotError
         For a robot of more modules, which `train` describes.
     """
+    known = _KEPT.get(id(robot))
+    if known is not None and known[0] is robot:
+        return known[1]
     if robot.trailing:
         raise ArtibotError(
             f"robot '{robot.name}': it has {len(robot.modules)} modules; what was asked for is computed for robots of "
             "one or two so far"
         )
-    return _pair(robot, 1, at_work(robot.effects))
+    found = _pair(robot, 1, at_work(robot.effects))
+    if len(_KEPT) >= _MOST_KEPT:
+        _KEPT.clear()
+    _KEPT[id(robot)] = robot, found
+    return found
+
+
+_KEPT: dict[int, tuple[Robot, Params]] = {}
+"""Robots and their numbers by the robot's identity: a robot never changes, and one is asked for several times a run."""
+_MOST_KEPT = 256
 
 
 def _pair(robot: Robot, behind: int, working: Mapping[str, tuple[Effect, Values]]) -> Params:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -340,6 +340,8 @@ class WindowBatch:
         Threads; as many as cores by default. Results do not depend on it.
     plain : Robot, optional
         The robot that the step was chosen for, by which `suits` knows what an articulated one allows.
+    knots : Knots, optional
+        The tables' in such steps, where they are known.
     """
 
     tables: Sequence[MotorTable]
@@ -347,16 +349,17 @@ class WindowBatch:
     dt: float
     workers: int | None = None
     plain: Robot | None = None
+    knots: InitVar[Knots | None] = None
     _knots: Knots = field(init=False, repr=False)
     _plan_table: PlanTable = field(init=False, repr=False)
     _spare: dict[Callable[[int], Any], list[tuple[int, Any]]] = field(default_factory=dict, repr=False)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, knots: Knots | None) -> None:
         for i, table in enumerate(self.tables):
             ratio = table.dt / self.dt
             if round(ratio) < 1 or abs(ratio - round(ratio)) > 1e-6:
                 raise ArtibotError(f"dt: {self.dt:g} s does not divide table {i}'s knot spacing of {table.dt:g} s")
-        self._knots, self._plan_table = Knots.of(self.tables, self.dt), PlanTable.of(self.plans)
+        self._knots, self._plan_table = knots or Knots.of(self.tables, self.dt), PlanTable.of(self.plans)
 
     def run(self, robots: Sequence[Robot], items: Items) -> list[Array]:
         """What each item's plan asks for, (m,) each; NaN from where a rollout diverged."""
@@ -389,6 +392,10 @@ class WindowBatch:
 
         in_threads(run, self.workers or available_cores())
         return out
+
+    def with_plans(self, plans: Sequence[SamplingPlan]) -> WindowBatch:
+        """This batch for other plans."""
+        return replace(self, plans=plans, knots=self._knots)
 
     @cached_property
     def halved(self) -> WindowBatch:
