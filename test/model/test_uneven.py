@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from model.helpers import front_commands, mirrored, mirrored_commands, ramp, standstill, what_wheels_remember
-from model.test_fast_equals_plain import KNOT, MODES, commands, cubic, moving_state, semi_implicit_commands
+from model.test_fast_equals_plain import KNOT, MODES, commands, cubic, moving_state
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import (
@@ -28,7 +28,7 @@ from artibot_sim.model.ground.raster import sample
 from artibot_sim.model.kernels.energy import stored_energy
 from artibot_sim.model.reference.dynamics import contact
 from artibot_sim.model.reference.effects import PlainEffects
-from artibot_sim.model.reference.steps import PlainState, rk4_step, semi_implicit_steps
+from artibot_sim.model.reference.steps import PlainState, rk4_step, semi_implicit_step
 from artibot_sim.model.robot.derived import on_ground, params
 from artibot_sim.model.simulate.rollout import unlimited_beside_prescribed
 from artibot_sim.model.simulate.stepper import COASTING, MotorCommand, Stepper
@@ -57,15 +57,16 @@ def plain_run(robot, start, order, modes, ground, integrator, dt) -> np.ndarray:
     effects = PlainEffects(robot.effects)
     cut = parts(p, dt, factor) if integrator == "semi_implicit" else 1
     step = dt / cut
-    steps = (len(order.velocity) - 1) * KNOT * cut
-    if integrator == "semi_implicit":
-        commanded, torques = semi_implicit_commands(order, KNOT * cut)
-        state = semi_implicit_steps(p, state, modes, commanded, torques, factor, step, steps, effects, surface)
-        return np.concatenate([state.q, state.v, state.eta, state.torque])
-    for i in range(steps):
-        knot, t = i // KNOT, i * step
-        drives = [cubic(order, t + part * step, knot) for part in (0.0, 0.5, 1.0)]
-        state = rk4_step(p, state, modes, drives, order.torque[knot], factor, step, effects.at(t), surface)
+    for i in range((len(order.velocity) - 1) * KNOT * cut):
+        knot, t = i // (KNOT * cut), i * step
+        now, held = effects.at(t), order.torque[knot]
+        if integrator == "rk4":
+            drives = [cubic(order, t + part * step, knot) for part in (0.0, 0.5, 1.0)]
+            state = rk4_step(p, state, modes, drives, held, factor, step, now, surface)
+        else:
+            drive, ahead = cubic(order, t, knot), cubic(order, t + step, knot)
+            drive = np.vstack([drive[:2], (ahead[1] - drive[1]) / step, ahead[0]])
+            state = semi_implicit_step(p, state, modes, drive, held, factor, step, now, surface)
     return np.concatenate([state.q, state.v, state.eta, state.torque])
 
 

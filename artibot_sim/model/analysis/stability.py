@@ -62,13 +62,12 @@ def _by_module(chain: _Chain, share: Shares) -> tuple[float, ...]:
     return share if isinstance(share, tuple) else (0.0, share)[: len(chain.bodies)]
 
 
-LONGEST_PART = {1: 1e-3, 2: 2e-3}
-"""Part (s) of a semi-implicit step of one stage and of two beyond which its errors, which grow with it, pass 5 mm over
-Table 6."""
+LONGEST_PART = 1e-3
+"""Part (s) of a semi-implicit step beyond which its errors, which grow with it, pass 5 mm over Table 6."""
 
-LONGEST_SLIP_PART = {1: 0.45, 2: 0.9}
-"""The same, times the rate (1/s) at which the fastest slip of a holding module decays: an explicit step is stable up to
-2."""
+LONGEST_SLIP_PART = 0.45
+"""Part (s) of a semi-implicit step, times the rate (1/s) at which the fastest slip of a holding module decays, beyond
+which the step is too long: an explicit step is stable up to 2."""
 
 MOST_PARTS = 100_000
 """More parts of a step than any ground asks for: at 1 ms they would take ten seconds for each of a drive."""
@@ -85,20 +84,14 @@ def parts(p: Params | Train, dt: float, share: Shares = 0.0) -> int:
     too; `share` is eq. 30's factor of one back motor.
     """
     chain = _chain(p)
-    stages = _stages(p)
-    slip = max(_fastest_slip(chain.p, body) for body in chain.bodies) / LONGEST_SLIP_PART[stages]
+    slip = max(_fastest_slip(chain.p, body) for body in chain.bodies) / LONGEST_SLIP_PART
     limits = (
-        (1.0 / LONGEST_PART[stages], "accuracy"),
+        (1.0 / LONGEST_PART, "accuracy"),
         (slip, "slip of the wheels"),
         (1.0 / _quick_sharing_limit(chain, share), SHARING),
     )
     rate, motion = max(limits)
     return number_of_parts(dt, rate, motion)
-
-
-def _stages(p: Params | Train) -> int:
-    """Of a semi-implicit step: the loops of trains take one."""
-    return 1 if isinstance(p, Train) else 2
 
 
 def number_of_parts(dt: float, rate: float, motion: str) -> int:
@@ -159,13 +152,12 @@ def largest_step(p: Params | Train, integrator: str, modes: tuple[int, ...], sha
     Back motors that share the front ones' torque of the step before (eq. 30) pull (1/kappa − 1) times as much as these,
     a step late: the smaller kappa, the shorter the step.
     """
-    chain, stages = _chain(p), _stages(p)
+    chain = _chain(p)
     modes, p = modes[: len(chain.motors)], chain.p
     chain = chain._replace(motors=tuple(map(_as_moved, chain.motors, modes)))
-    limits = list(_rk4_limits(chain, modes) if integrator == "rk4" else _semi_implicit_limits(chain, modes, stages))
+    limits = list(_rk4_limits(chain, modes) if integrator == "rk4" else _semi_implicit_limits(chain, modes))
     if PRESCRIBED in modes:
-        follows = _two_stage_limit(2.0 * p.A_motor, p.A_motor**2) if stages == 2 else 1.0 / p.A_motor
-        limits.append((_RK4_REAL / p.A_motor if integrator == "rk4" else MARGIN * follows, "control.A_motor"))
+        limits.append(((_RK4_REAL if integrator == "rk4" else MARGIN) / p.A_motor, "control.A_motor"))
     if any(mode == DRIVEN and motor.loop == 0.0 for motor, mode in zip(chain.motors, modes, strict=True)):
         limits.append(((_RK4_REAL if integrator == "rk4" else 2 * MARGIN) / p.velocity_gain, "control.velocity_gain"))
     longest, what = min(limits)
@@ -308,31 +300,17 @@ def _line_rates(chain: _Chain, free: tuple[bool, ...]) -> Iterator[float]:
             yield motor.line / (motor.J_m + motor.J_w * motor.tau**2)
 
 
-def _semi_implicit_limits(chain: _Chain, modes: tuple[int, ...], stages: int) -> Iterator[tuple[float, str]]:
-    """Of springs and loops, and of motors on their lines, whose torque is that at a stage's start."""
+def _semi_implicit_limits(chain: _Chain, modes: tuple[int, ...]) -> Iterator[tuple[float, str]]:
+    """Of v += -h (stiffness x + damping v), x += h v, which is stable while stiffness h² + 2 damping h < 4.
+
+    Of motors on their lines, too, whose torque is that at a step's start.
+    """
     free = tuple(mode != PRESCRIBED for mode in modes)
     yield from ((2.0 * MARGIN / rate, LINE) for rate in _line_rates(chain, free))
-    limit = _one_stage_limit if stages == 1 else _two_stage_limit
     loops = ((*loop, LOOP) for loop in _loops(chain))
     for damping, stiffness, what in (*_springs(chain, implicit=True), *loops):
         if damping + stiffness > 0.0:
-            yield MARGIN * limit(damping, stiffness), what
-
-
-def _one_stage_limit(damping: float, stiffness: float) -> float:
-    """Of v += -h (stiffness x + damping v), x += h v, which is stable while stiffness h² + 2 damping h < 4."""
-    return 4 / (damping + math.sqrt(damping * damping + 4 * stiffness))
-
-
-def _two_stage_limit(damping: float, stiffness: float) -> float:
-    """Of `steps.next_semi_implicit` with the acceleration -(stiffness x + damping v).
-
-    With K = stiffness h² and D = damping h its two factors stay within the unit circle while K + 8 D < 16 and
-    K/2 + D - D²/2 - D K/16 < 2; without the last term, which is small.
-    """
-    longest = 4 / (damping + math.sqrt(damping * damping + stiffness))
-    swing = 4 * stiffness - 3 * damping * damping
-    return min(longest, 4 / (damping + math.sqrt(swing))) if swing > 0.0 else longest
+            yield MARGIN * 4 / (damping + math.sqrt(damping * damping + 4 * stiffness)), what
 
 
 def _springs(chain: _Chain, implicit: bool = False) -> Iterator[tuple[float, float, str]]:

@@ -1,11 +1,10 @@
 """The right-hand side, and the two ways to step it.
 
-``rk4`` is the classical explicit method. In ``semi_implicit`` (see `steps`) the wheel spin, by far the stiffest part of
-the model, is solved for implicitly: stable where RK4 is not.
+``rk4`` is the classical explicit method. ``semi_implicit`` is symplectic Euler in which the wheel spin, by far the
+stiffest part of the model, is solved for implicitly: one right-hand side a step, stable where RK4 is not.
 
-In both, the efficiencies (eq. 23, Fig. 7) are those of the step before and held through the step. So are the back
-torques (eq. 30) under RK4; semi-implicit steps take them from the front ones of the same stage, without a delay that
-would make them first order. Flat arrays hold four numbers of each kind, motor by motor: ``drive`` the
+In both, what the paper feeds back from the previous step is held through the step: the efficiencies (eq. 23,
+Fig. 7) and the back torques (eq. 30). Flat arrays hold four numbers of each kind, motor by motor: ``drive`` the
 commanded angle, speed and acceleration, ``hold`` what stays through the step.
 """
 
@@ -82,12 +81,11 @@ from artibot_sim.model.kernels.layout import (  # fmt: skip
 D, D_DOT, D_DDOT = 0, 4, 8
 """Where `drive` holds angles, speeds and accelerations."""
 
-TORQUE_D, EFFICIENCY, GEAR, INERTIA, INVERSE, WOUND, TRAIL, FACTOR = 0, 4, 8, 12, 16, 20, 24, 28
+TORQUE_D, EFFICIENCY, GEAR, INERTIA, INVERSE, WOUND, TRAIL = 0, 4, 8, 12, 16, 20, 24
 """Where `hold` holds torques (NaN for whatever it takes to follow), efficiencies, tau/eta, J_m + J_w tau²/eta and its
-inverse; of velocity loops, at the step's start, the integral of the speed's error and the angle behind the command;
-eq. 30's factors of both back motors, zero where their torques are commanded or follow from their rotation."""
+inverse; of velocity loops, at the step's start, the integral of the speed's error and the angle behind the command."""
 
-HELD = 30
+HELD = 28
 """How many numbers `hold` holds."""
 
 
@@ -317,14 +315,6 @@ def loaded(body, p, fx, units, pairs, soils, motor, turned, lags, wheels, first)
 
 
 @inlined
-def share(hold, front):
-    """Eq. 30 within a stage of a semi-implicit step: the back motors' torques from the sum of the `front` ones, N m."""
-    for i in range(2):
-        if hold[FACTOR + i] != 0.0:
-            hold[TORQUE_D + 2 + i] = hold[FACTOR + i] * front
-
-
-@inlined
 def step_ahead(body, p, fx, unit, motor, on, kept, dt):
     """A motor's acceleration over a step, the wheels' slip taken implicitly (linearised at the old speed), its torque.
 
@@ -352,8 +342,8 @@ def step_ahead(body, p, fx, unit, motor, on, kept, dt):
 def motor_with_wheels(body, p, fx, unit, motor, on, kept, dt, ahead, torques):
     """A motor and its two wheels (eqs 15, 16, 21, 22): at an instant (`dt` None), or over a semi-implicit step.
 
-    For `on` and `kept` see `step_ahead`; over a step `ahead` is what that gives. Where no `torques` are asked for, they
-    are zero, but those of motors at an instant that are not prescribed.
+    For `on` and `kept` see `step_ahead`; over a step `ahead` is what that gives. A prescribed motor at an instant needs
+    to know no force unless `torques` are asked for; they are zero then.
 
     Returns
     -------
@@ -372,8 +362,6 @@ def motor_with_wheels(body, p, fx, unit, motor, on, kept, dt, ahead, torques):
         if motor.mode == PRESCRIBED and not torques:
             return forces, MotorAction(0.0, 0.0, 0.0, motor.wish, speed)
         return forces, motor_acts(p, fx, unit, motor, forces)
-    if not torques:
-        return forces, MotorAction(0.0, 0.0, 0.0, theta_ddot, speed)
     M_r = load_torque(p, unit, forces, omega)
     drag = dragging(fx, unit, motor, speed) if fx is not None else 0.0
     if motor.mode == PRESCRIBED:
@@ -557,8 +545,6 @@ def accelerations(q, v, p, fx, ground, commands, lags, dt, w):
         if fx is not None:
             back_to_origin(fx, v, sg_f, cg_f, FRONT, w)
         return
-    if dt is not None:
-        share(commands.hold, w[M_M] + w[M_M + 1])
     parts = ModuleParts(p.back, p.right_back, p.left_back, BEHIND)
     back = module_alone(p, fx, ground, parts, q, v, (sa_b, ca_b, sg_b, cg_b), commands, lags, dt, w)
     if fx is not None:

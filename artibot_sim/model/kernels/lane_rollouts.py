@@ -177,7 +177,7 @@ def fill_rows(lot, lane, grid, kept, rows, work, tables, fx=None):
     fx : record, optional
         Effects, with the time of the start.
     """
-    w, drive, cubic, hold, _, _, _, _, _, _, _, lag, _, _ = work
+    w, drive, cubic, hold, _, _, _, _, _, _, _, lag, _ = work
     p, modes, share = lot.records[lane], lot.modes[lane], lot.share[lane]
     q, v, eta, previous, memory = lot.q[lane], lot.v[lane], lot.eta[lane], lot.torque[lane], lot.memory[lane]
     behind = lot.behind[lane]

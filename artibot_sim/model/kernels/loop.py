@@ -18,12 +18,10 @@ from artibot_sim.model.kernels.integrators import (
     D_DDOT,
     D_DOT,
     EFFICIENCY,
-    FACTOR,
     GEAR,
     HELD,
     INERTIA,
     TORQUE_D,
-    WOUND,
     D,
     MotorAction,
     MotorCommands,
@@ -35,30 +33,14 @@ from artibot_sim.model.kernels.integrators import (
     motor_of,
     wind_up,
 )
-from artibot_sim.model.kernels.layout import ACC, BEHIND, ENERGIES, FRONT, M_D, M_M, M_R, MEMORY, NOUGHT, ROW, SAT
-from artibot_sim.model.kernels.steps import (
-    FINER,
-    implicit_over,
-    next_semi_implicit,
-    next_semi_implicit_lag,
-    next_stage,
-    next_stage_of_lag,
-    semi_implicit_time,
-    semi_implicit_weight,
-    stage_time,
-    stage_weight,
-)
+from artibot_sim.model.kernels.layout import ACC, BEHIND, BETA, ENERGIES, FRONT, M_D, M_M, M_R, MEMORY, NOUGHT, ROW, Z
+from artibot_sim.model.kernels.steps import next_stage, next_stage_of_lag, semi_implicit, stage_time, stage_weight
 
 OK, DIVERGED = 0, 1
 STOPPED = 3
 """The ground ended a rollout: a wheel left the raster, or met a wall, see `ground.raster.Surface.found`."""
 LIMIT = 1e6
 """A speed (m/s or rad/s) or angle beyond which a rollout has diverged; motors of Epi.q reach 3000 rad/s."""
-
-
-_LOOPS, _LAGS, _SPENT, _Q, _V = 8, 20, 20 + MEMORY, 20 + MEMORY + ENERGIES, 36 + MEMORY + ENERGIES
-SAVED = 52 + MEMORY + ENERGIES
-"""How many numbers `save` keeps, and where: efficiencies and torques; velocity loops; memories; energies; q and v."""
 
 
 class Workspace(NamedTuple):
@@ -77,13 +59,11 @@ class Workspace(NamedTuple):
     power: NDArray[np.float64]
     lag: NDArray[np.float64]
     sum_lag: NDArray[np.float64]
-    saved: NDArray[np.float64]
 
 
 def workspace() -> Workspace:
     """A fresh one, for one loop at a time."""
-    sizes = ROW, 12, 16, HELD, 4, 16, 16, 16, 16, ENERGIES, ENERGIES, 2 * MEMORY, MEMORY, SAVED
-    return Workspace(*map(np.zeros, sizes))
+    return Workspace(*map(np.zeros, (ROW, 12, 16, HELD, 4, 16, 16, 16, 16, ENERGIES, ENERGIES, 2 * MEMORY, MEMORY)))
 
 
 @inlined
@@ -111,6 +91,13 @@ def command_at(cubic, s, modes, drive):
 
 
 @inlined
+def mean_acceleration(cubic, s, dt, drive):
+    """Mean of the commanded accelerations from `s` to ``s + dt``, in place of the instant's."""
+    for motor in range(4):
+        drive[D_DDOT + motor] = 2.0 * cubic[8 + motor] + 3.0 * cubic[12 + motor] * (2.0 * s + dt)
+
+
+@inlined
 def commanded_torques(torque_d, knot, back_factor, previous, modes, hold):
     """Torques held through a step, of motors under torque: commanded ones, or eq. 30 from the step before (NaN).
 
@@ -123,9 +110,6 @@ def commanded_torques(torque_d, knot, back_factor, previous, modes, hold):
         torque = given if not math.isnan(given) else (shared if motor > 1 else 0.0)
         measured = given if modes[motor] == PRESCRIBED else math.nan
         hold[TORQUE_D + motor] = torque if modes[motor] == TORQUE else measured
-        if motor > 1:
-            shares = modes[motor] == TORQUE and math.isnan(given)
-            hold[FACTOR + motor - 2] = back_factor if shares else 0.0
 
 
 @inlined
@@ -234,65 +218,6 @@ def next_state(k, q, v, dt, w, q_s, v_s, first, total):
 
 
 @inlined
-def next_semi_state(k, q, v, dt, w, q_s, v_s, first):
-    """`next_state` of a semi-implicit step's stage `k`."""
-    for i in range(16):
-        a = w[ACC + i]
-        q_s[i], v_s[i] = next_semi_implicit(k, dt, q[i], v[i], a, first[i])
-        if k == 0:
-            first[i] = a
-        else:
-            q[i], v[i] = q_s[i], v_s[i]
-
-
-@inlined
-def save(fx, eta, previous, hold, behind, memory, e, energies, saved):
-    """What a step begins with, but for q and v, into `saved` (SAVED,): `restore` brings it back."""
-    for i in range(4):
-        saved[i], saved[4 + i] = eta[i], previous[i]
-    if fx is not None:
-        for i in range(4):
-            saved[_LOOPS + i] = behind[i]
-        for i in range(8):
-            saved[_LOOPS + 4 + i] = hold[WOUND + i]
-        if len(memory) > 0:
-            kept = memory[0]
-            for i in range(MEMORY):
-                saved[_LAGS + i] = kept[i]
-    if energies:
-        for i in range(ENERGIES):
-            saved[_SPENT + i] = e[i]
-
-
-@inlined
-def restore(fx, eta, previous, hold, behind, memory, lag, e, energies, saved):
-    """What `save` has saved."""
-    for i in range(4):
-        eta[i], previous[i] = saved[i], saved[4 + i]
-    if fx is not None:
-        for i in range(4):
-            behind[i] = saved[_LOOPS + i]
-        for i in range(8):
-            hold[WOUND + i] = saved[_LOOPS + 4 + i]
-        if len(memory) > 0:
-            kept = memory[0]
-            for i in range(MEMORY):
-                kept[i] = lag[i] = saved[_LAGS + i]
-    if energies:
-        for i in range(ENERGIES):
-            e[i] = saved[_SPENT + i]
-
-
-@inlined
-def sliding(w):
-    """Which wheels slide, by the bits of a number."""
-    wheels = NOUGHT
-    for i in range(8):
-        wheels = 2 * wheels + (1 if w[SAT + i] != 0.0 else 0)
-    return wheels
-
-
-@inlined
 def next_lag(k, count, memory, dt, lag, sum_lag):
     """What wheels remember, `count` numbers, from stage `k` to the next; after the last one advance `memory`.
 
@@ -342,18 +267,14 @@ def lags_of(memory, lag):
 
 
 @inlined
-def next_semi_lag(k, count, memory, dt, lag, first):
-    """`next_lag` of a semi-implicit step's stage `k`; `first` (MEMORY,) keeps the rates of stage 0."""
+def lags_after(count, memory, dt, lag):
+    """What wheels remember after a semi-implicit step."""
     if len(memory) == 0:
         return
     kept = memory[0]
     for i in range(count):
-        rate = lag[MEMORY + i]
-        lag[i] = next_semi_implicit_lag(k, dt, kept[i], rate, first[i])
-        if k == 0:
-            first[i] = rate
-        else:
-            kept[i] = lag[i]
+        kept[i] += dt * lag[MEMORY + i]
+        lag[i] = kept[i]
 
 
 @inlined
@@ -402,7 +323,7 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
         OK, DIVERGED or STOPPED, and the number of rows written.
     """
     (q, v, eta, previous, behind), (dt, steps, every, _) = state, grid
-    w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, sum_lag, _ = work
+    w, drive, cubic, hold, eta_next, q_s, v_s, first, total, e, pw, lag, sum_lag = work
     (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
     begin_loops(hold)
     commands = MotorCommands(inputs.modes, drive, hold)
@@ -446,66 +367,45 @@ def integrate_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), 
 def integrate_semi_implicit(state, p, inputs, grid, work, out, out_e, fx=None, memory=(), ground=()):
     """Advance the state in place by semi-implicit steps, for the same arguments as `integrate_rk4`.
 
-    A row's contributions are those of the step's first stage. A step over which a wheel begins or ceases to slide is
-    taken again in `steps.FINER`.
+    A row's contributions are those that act from its state to the next.
     """
-    (q, v, eta, previous, behind), (dt, steps, every, knot_steps) = state, grid
-    w, drive, cubic, hold, _, q_s, v_s, first, ahead, e, pw, lag, first_lag, saved = work
+    (q, v, eta, previous, behind), (dt, steps, every, _) = state, grid
+    w, drive, cubic, hold, _, q_old, v_old, _, _, e, pw, lag, _ = work
     (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
     begin_loops(hold)
     commands = MotorCommands(inputs.modes, drive, hold)
-    for i in range(16):
-        q_s[i], v_s[i] = q[i], v[i]
     module_gravity(p.front, p, FRONT, w)
     if p.two:
         module_gravity(p.back, p, BEHIND, w)
-    row = step = part = slid = NOUGHT
-    parts, settled = NOUGHT + 1, True
-    while True:
-        h, again = dt / parts, False
-        s = prepare(p, inputs, grid, step % knot_steps, step // knot_steps, state, cubic, hold) + part * h
-        for k in range(2):
-            command_at(cubic, s + semi_implicit_time(k, h), inputs.modes, drive)
-            if fx is not None:
-                fx.t = start + (dt * step + part * h + semi_implicit_time(k, h))
-                if k == 0:
-                    wind_all(p, fx, inputs.modes, q, drive, hold, behind)
-            over = implicit_over(k, h)
-            accelerations(q_s, v_s, p, fx, ground, commands, lags, over, w)
-            if k == 0 and parts == 1:
-                slides = sliding(w)
-                again = slides != slid and not settled
-                if again:
-                    break
-                slid, stopped = slides, stopped_by(ground, dt * step)
-                if step == steps or step % every == 0 or stopped:
-                    if not sound(q, v):
-                        return DIVERGED, row
-                    keep_row(q, v, w, e, row, out, out_e)
-                    row += 1
-                if step == steps or stopped:
-                    return (STOPPED if stopped else OK), row
-                save(fx, eta, previous, hold, behind, memory, e, energies, saved)
-                for i in range(16):
-                    saved[_Q + i], saved[_V + i] = q[i], v[i]
-            if k == 0:
-                for i in range(16):  # where the forces are those that the row has
-                    ahead[i] = v[i] + over * w[ACC + i]
-                feed_back(p, fx, ahead, w, inputs.modes, hold, h, eta, previous)
-            if out_e is not None and energies:
-                add_powers(q_s, v_s, p, fx, ground, w, semi_implicit_weight(k) * h, e, pw)
-            next_semi_state(k, q, v, h, w, q_s, v_s, first)
-            if fx is not None:
-                next_semi_lag(k, count, memory, h, lag, first_lag)
-        if again:
-            restore(fx, eta, previous, hold, behind, memory, lag, e, energies, saved)
+    row = NOUGHT
+    for step in range(steps + 1):
+        s = prepare(p, inputs, grid, step % grid.knot_steps, step // grid.knot_steps, state, cubic, hold)
+        command_at(cubic, s, inputs.modes, drive)
+        mean_acceleration(cubic, s, dt, drive)
+        for i in range(16):
+            q_old[i], v_old[i] = q[i], v[i]
+        if fx is not None:
+            fx.t = start + dt * step
+            wind_all(p, fx, inputs.modes, q, drive, hold, behind)
+        accelerations(q, v, p, fx, ground, commands, lags, dt, w)
+        for i in range(16):
+            q[i], v[i] = semi_implicit(dt, q[i], v[i], w[ACC + i], Z <= i % 8 <= BETA)
+        if step == steps or step % every == 0 or stopped_by(ground, dt * step):
+            if not sound(q_old, v_old):
+                return DIVERGED, row
+            keep_row(q_old, v_old, w, e, row, out, out_e)
+            row += 1
+            if stopped_by(ground, dt * step):
+                return STOPPED, row
+        if step == steps:
             for i in range(16):
-                q[i], v[i] = saved[_Q + i], saved[_V + i]
-                q_s[i], v_s[i] = q[i], v[i]
-            step, part, parts, settled = step - 1, NOUGHT, FINER, True
-            hermite(inputs.position, inputs.velocity, step // knot_steps, knot_steps * dt, cubic)
-            continue
-        part += 1
-        if part == parts:
-            settled = parts > 1
-            step, part, parts = step + 1, NOUGHT, NOUGHT + 1
+                q[i], v[i] = q_old[i], v_old[i]
+            break
+        feed_back(p, fx, v, w, inputs.modes, hold, dt, eta, previous)
+        if fx is not None:
+            lags_after(count, memory, dt, lag)
+        if out_e is not None and energies:
+            for i in range(16):
+                v_old[i] = 0.5 * (v_old[i] + v[i])
+            add_powers(q_old, v_old, p, fx, ground, w, dt, e, pw)
+    return OK, row

@@ -15,15 +15,13 @@ from artibot_sim.model.kernels.loop import (
     OK,
     accounted,
     command_at,
-    hermite,
     keep_row,
+    lags_after,
     lags_of,
+    mean_acceleration,
     next_efficiency,
     next_lag,
-    next_semi_lag,
     prepare,
-    restore,
-    save,
     sound,
     start_lags,
 )
@@ -38,16 +36,7 @@ from artibot_sim.model.kernels.plane_step import (
     unload,
     write_row,
 )
-from artibot_sim.model.kernels.steps import (
-    FINER,
-    implicit_over,
-    next_semi_implicit,
-    next_stage,
-    semi_implicit_time,
-    semi_implicit_weight,
-    stage_time,
-    stage_weight,
-)
+from artibot_sim.model.kernels.steps import next_stage, semi_implicit, stage_time, stage_weight
 
 NOTHING = (0.0,) * 10
 
@@ -82,53 +71,57 @@ def next_ten(k, dt, q, v, speed, a, first, total):
 
 
 @inlined
-def next_semi_ten(k, dt, q, v, a, first):
-    """`steps.next_semi_implicit` of ten coordinates."""
-    c_0 = next_semi_implicit(k, dt, q[0], v[0], a[0], first[0])
-    c_1 = next_semi_implicit(k, dt, q[1], v[1], a[1], first[1])
-    c_2 = next_semi_implicit(k, dt, q[2], v[2], a[2], first[2])
-    c_3 = next_semi_implicit(k, dt, q[3], v[3], a[3], first[3])
-    c_4 = next_semi_implicit(k, dt, q[4], v[4], a[4], first[4])
-    c_5 = next_semi_implicit(k, dt, q[5], v[5], a[5], first[5])
-    c_6 = next_semi_implicit(k, dt, q[6], v[6], a[6], first[6])
-    c_7 = next_semi_implicit(k, dt, q[7], v[7], a[7], first[7])
-    c_8 = next_semi_implicit(k, dt, q[8], v[8], a[8], first[8])
-    c_9 = next_semi_implicit(k, dt, q[9], v[9], a[9], first[9])
-    x = c_0[0], c_1[0], c_2[0], c_3[0], c_4[0], c_5[0], c_6[0], c_7[0], c_8[0], c_9[0]
-    rate = c_0[1], c_1[1], c_2[1], c_3[1], c_4[1], c_5[1], c_6[1], c_7[1], c_8[1], c_9[1]
-    return x, rate
+def after_step(dt, q, v, a):
+    """`steps.semi_implicit` of ten coordinates: on a plane none is held by a spring of the ground."""
+    c_0 = semi_implicit(dt, q[0], v[0], a[0], False)
+    c_1 = semi_implicit(dt, q[1], v[1], a[1], False)
+    c_2 = semi_implicit(dt, q[2], v[2], a[2], False)
+    c_3 = semi_implicit(dt, q[3], v[3], a[3], False)
+    c_4 = semi_implicit(dt, q[4], v[4], a[4], False)
+    c_5 = semi_implicit(dt, q[5], v[5], a[5], False)
+    c_6 = semi_implicit(dt, q[6], v[6], a[6], False)
+    c_7 = semi_implicit(dt, q[7], v[7], a[7], False)
+    c_8 = semi_implicit(dt, q[8], v[8], a[8], False)
+    c_9 = semi_implicit(dt, q[9], v[9], a[9], False)
+    return (c_0[0], c_1[0], c_2[0], c_3[0], c_4[0], c_5[0], c_6[0], c_7[0], c_8[0], c_9[0]), (
+        c_0[1],
+        c_1[1],
+        c_2[1],
+        c_3[1],
+        c_4[1],
+        c_5[1],
+        c_6[1],
+        c_7[1],
+        c_8[1],
+        c_9[1],
+    )
 
 
 @inlined
-def feed_torques(p, fx, now, modes, hold, dt, eta, previous):
+def middle(a, b):
+    """The mean of ten and ten."""
+    return (
+        0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2]), 0.5 * (a[3] + b[3]), 0.5 * (a[4] + b[4]),
+        0.5 * (a[5] + b[5]), 0.5 * (a[6] + b[6]), 0.5 * (a[7] + b[7]), 0.5 * (a[8] + b[8]), 0.5 * (a[9] + b[9]),
+    )  # fmt: skip
+
+
+@inlined
+def feed_torques(p, fx, now, v, modes, hold, dt, eta, previous):
     """What the next step takes from this one, see `loop.feed_back`."""
     right, left, right_b, left_b = now.acting
-    feed_torque(p.right_front, fx, right, MOTOR[0], modes, hold, dt, eta, previous)
-    feed_torque(p.left_front, fx, left, MOTOR[1], modes, hold, dt, eta, previous)
+    feed_torque(p.right_front, fx, right, v[6], MOTOR[0], modes, hold, dt, eta, previous)
+    feed_torque(p.left_front, fx, left, v[7], MOTOR[1], modes, hold, dt, eta, previous)
     if p.two:
-        feed_torque(p.right_back, fx, right_b, MOTOR[2], modes, hold, dt, eta, previous)
-        feed_torque(p.left_back, fx, left_b, MOTOR[3], modes, hold, dt, eta, previous)
+        feed_torque(p.right_back, fx, right_b, v[8], MOTOR[2], modes, hold, dt, eta, previous)
+        feed_torque(p.left_back, fx, left_b, v[9], MOTOR[3], modes, hold, dt, eta, previous)
 
 
 @inlined
-def feed_torque(unit, fx, acting, motor, modes, hold, dt, eta, previous):
+def feed_torque(unit, fx, acting, theta_dot, motor, modes, hold, dt, eta, previous):
     """What the next step takes from one motor: its torque (eq. 30) and its efficiency (eq. 23)."""
     previous[motor] = acting.M_m
-    eta[motor] = next_efficiency(unit, fx, acting, acting.speed, motor, modes, hold, dt)
-
-
-@inlined
-def sliding(now, two):
-    """Which wheels slide, by the bits of a number, see `loop.sliding`."""
-    front_r, front_l, back_r, back_l = now.forces
-    wheels = slides(front_r) * 4 + slides(front_l)
-    return wheels * 16 + slides(back_r) * 4 + slides(back_l) if two else wheels * 16
-
-
-@inlined
-def slides(forces):
-    """Which of a motor's two wheels slide."""
-    return (2 if forces.held_f != 1.0 else 0) + (1 if forces.held_b != 1.0 else 0)
+    eta[motor] = next_efficiency(unit, fx, acting, theta_dot, motor, modes, hold, dt)
 
 
 @inlined
@@ -156,7 +149,7 @@ def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
     (q, v, eta, previous, behind), (dt, steps, every, knot_steps) = state, grid
     if not level(p, fx, q, v):
         return LEAVES, 0
-    w, drive, cubic, hold, eta_next, _, _, _, _, e, _, lag, sum_lag, _ = work
+    w, drive, cubic, hold, eta_next, _, _, _, _, e, _, lag, sum_lag = work
     at, here, rate = begin(q, v, p, fx, w)
     (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
     begin_loops(hold)
@@ -192,7 +185,7 @@ def level_rk4(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
                     row += 1
                 if step == steps:
                     return OK, row
-                feed_torques(p, fx, now, inputs.modes, hold, dt, eta_next, previous)
+                feed_torques(p, fx, now, v_k, inputs.modes, hold, dt, eta_next, previous)
             if out_e is not None and energies:
                 level_powers(at, p, fx, motions(q_k, v_k), trig, q_k, v_k, now, hold, Account(stage_weight(k) * dt, e))
             q_k, v_k, first, total = next_ten(k, dt, here, rate, v_k, a, first, total)
@@ -215,69 +208,43 @@ def level_semi(state, p, inputs, grid, work, out, out_e, fx=None, memory=()):
     (q, v, eta, previous, behind), (dt, steps, every, knot_steps) = state, grid
     if not level(p, fx, q, v):
         return LEAVES, 0
-    w, drive, cubic, hold, _, _, _, _, _, e, _, lag, first_lag, saved = work
+    w, drive, cubic, hold, _, _, _, _, _, e, _, lag, _ = work
     at, here, rate = begin(q, v, p, fx, w)
     (start, count), lags, energies = start_lags(fx, memory, lag), lags_of(memory, lag), accounted(out_e)
     begin_loops(hold)
     commands = MotorCommands(inputs.modes, drive, hold)
-    row = step = part = slid = phase = knot = since = NOUGHT
-    parts, settled, begun = NOUGHT + 1, True, (here, rate)
-    trig = heading(here)
-    while True:
-        h, again = dt / parts, False
-        s = prepare(p, inputs, grid, phase, knot, state, cubic, hold) + part * h
-        q_k, v_k, first = here, rate, NOTHING
-        for k in range(2):
-            command_at(cubic, s + semi_implicit_time(k, h), inputs.modes, drive)
-            if k > 0 and near(here, q_k):
-                trig = turned(trig, here, q_k)
-            else:
-                trig = heading(q_k)
-            if fx is not None:
-                fx.t = start + (dt * step + part * h + semi_implicit_time(k, h))
-                if k == 0:
-                    wind_level(p, fx, inputs.modes, here, drive, hold, behind)
-            over, torques = implicit_over(k, h), k == 0 or energies
-            a, now = level_accelerations(at, p, fx, q_k, v_k, trig, commands, lags, over, torques)
-            if k == 0 and parts == 1:
-                slide = sliding(now, p.two)
-                again = slide != slid and not settled
-                if again:
-                    break
-                slid, begun = slide, (here, rate)
-                if since == 0 or step == steps:
-                    write_row(at, p.two, fx, motions(q_k, v_k), trig, a, now, hold, w)
-                    unload(here, p.two, q)
-                    unload(rate, p.two, v)
-                    if not sound(q, v):
-                        return DIVERGED, row
-                    keep_row(q, v, w, e, row, out, out_e)
-                    row += 1
-                if step == steps:
-                    return OK, row
-                save(fx, eta, previous, hold, behind, memory, e, energies, saved)
-            if k == 0:
-                feed_torques(p, fx, now, inputs.modes, hold, h, eta, previous)
-            if out_e is not None and energies:
-                weight = semi_implicit_weight(k) * h
-                level_powers(at, p, fx, motions(q_k, v_k), trig, q_k, v_k, now, hold, Account(weight, e))
-            q_k, v_k = next_semi_ten(k, h, here, rate, a, first)
-            first = a
-            if fx is not None:
-                next_semi_lag(k, count, memory, h, lag, first_lag)
-        if again:
-            restore(fx, eta, previous, hold, behind, memory, lag, e, energies, saved)
-            here, rate = begun
-            step, part, parts, settled = step - 1, NOUGHT, FINER, True
-            phase, knot, since = step % knot_steps, step // knot_steps, step % every
-            hermite(inputs.position, inputs.velocity, knot, knot_steps * dt, cubic)
-            continue
-        here, rate, part = q_k, v_k, part + 1
-        if part == parts:
-            settled = parts > 1
-            step, part, parts = step + 1, NOUGHT, NOUGHT + 1
-            phase, since = phase + 1, since + 1
-            if phase == knot_steps:
-                phase, knot = NOUGHT, knot + 1
-            if since == every:
-                since = NOUGHT
+    row = phase = knot = since = NOUGHT
+    for step in range(steps + 1):
+        s = prepare(p, inputs, grid, phase, knot, state, cubic, hold)
+        command_at(cubic, s, inputs.modes, drive)
+        mean_acceleration(cubic, s, dt, drive)
+        trig = heading(here)
+        if fx is not None:
+            fx.t = start + dt * step
+            wind_level(p, fx, inputs.modes, here, drive, hold, behind)
+        a, now = level_accelerations(at, p, fx, here, rate, trig, commands, lags, dt, True)
+        there, new = after_step(dt, here, rate, a)
+        kept = since == 0 or step == steps
+        if kept:
+            write_row(at, p.two, fx, motions(here, rate), trig, a, now, hold, w)
+        if kept:
+            unload(here, p.two, q)
+            unload(rate, p.two, v)
+            if not sound(q, v):
+                return DIVERGED, row
+            keep_row(q, v, w, e, row, out, out_e)
+            row += 1
+        if step == steps:
+            break
+        feed_torques(p, fx, now, new, inputs.modes, hold, dt, eta, previous)
+        if fx is not None:
+            lags_after(count, memory, dt, lag)
+        if out_e is not None and energies:
+            level_powers(at, p, fx, motions(here, rate), trig, here, middle(rate, new), now, hold, Account(dt, e))
+        here, rate = there, new
+        phase, since = phase + 1, since + 1
+        if phase == knot_steps:
+            phase, knot = 0, knot + 1
+        if since == every:
+            since = 0
+    return OK, row

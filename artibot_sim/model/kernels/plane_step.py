@@ -17,7 +17,6 @@ from artibot_sim.model.kernels.integrators import (
     kept_by,
     loaded,
     motor_with_wheels,
-    share,
     step_ahead,
     turning,
     write_motor,
@@ -292,18 +291,13 @@ def level_accelerations(at, p, fx, q, v, trig, commands, lags, dt, torques):
         turned, soils = (q[8], q[9], v[8], v[9]), (soil_rb, soil_lb)
         r_b, l_b = loaded(at.back, p, fx, (three, four), (r_b, l_b), soils, MOTOR[2], turned, lags, 8, 2 * MOTOR[2])
     on_0, on_1, on_2, on_3 = Footing(r_f, soil_rf), Footing(l_f, soil_lf), Footing(r_b, soil_rb), Footing(l_b, soil_lb)
-    # motors that wait for no other one step ahead first: the processor takes them side by side
+    # all motors one step ahead first: they know nothing of each other, and the processor takes them side by side
     T_0 = side_ahead(at.front, p, fx, one, MOTOR[0], q[6], v[6], on_0, commands, lags, dt)
     T_1 = side_ahead(at.front, p, fx, two, MOTOR[1], q[7], v[7], on_1, commands, lags, dt)
-    if dt is None:
-        T_2 = side_ahead(at.back, p, fx, three, MOTOR[2], q[8], v[8], on_2, commands, lags, dt)
-        T_3 = side_ahead(at.back, p, fx, four, MOTOR[3], q[9], v[9], on_3, commands, lags, dt)
-    F_0, M_0 = side_moves(at.front, p, fx, one, T_0, on_0, lags, dt, torques or dt is not None)
-    F_1, M_1 = side_moves(at.front, p, fx, two, T_1, on_1, lags, dt, torques or dt is not None)
-    if dt is not None:
-        share(commands.hold, M_0.M_m + M_1.M_m)
-        T_2 = side_ahead(at.back, p, fx, three, MOTOR[2], q[8], v[8], on_2, commands, lags, dt)
-        T_3 = side_ahead(at.back, p, fx, four, MOTOR[3], q[9], v[9], on_3, commands, lags, dt)
+    T_2 = side_ahead(at.back, p, fx, three, MOTOR[2], q[8], v[8], on_2, commands, lags, dt)
+    T_3 = side_ahead(at.back, p, fx, four, MOTOR[3], q[9], v[9], on_3, commands, lags, dt)
+    F_0, M_0 = side_moves(at.front, p, fx, one, T_0, on_0, lags, dt, torques)
+    F_1, M_1 = side_moves(at.front, p, fx, two, T_1, on_1, lags, dt, torques)
     F_2, M_2 = side_moves(at.back, p, fx, three, T_2, on_2, lags, dt, torques)
     F_3, M_3 = side_moves(at.back, p, fx, four, T_3, on_3, lags, dt, torques)
     forces = F_0, F_1, F_2, F_3

@@ -74,7 +74,7 @@ from artibot_sim.model.kernels.sampling import (
     Wanted,
     sample_lane,
 )
-from artibot_sim.model.kernels.steps import one_stage
+from artibot_sim.model.kernels.steps import semi_implicit
 from artibot_sim.model.kernels.train_loop import of_one
 from artibot_sim.model.kernels.window_lanes import item_of
 
@@ -763,7 +763,7 @@ def advance(S, fx, modules, dt):
     for i in range(modules):
         b = i * MODULE
         for j in range(b, b + SIZE * LANES):
-            S[j + AT.Q], S[j + AT.V] = one_stage(dt, S[j + AT.Q], S[j + AT.V], S[j + AT.ACC], False)
+            S[j + AT.Q], S[j + AT.V] = semi_implicit(dt, S[j + AT.Q], S[j + AT.V], S[j + AT.ACC], False)
         if fx is not None and LAGGING[len(fx)]:
             for j in range(b, b + 16 * LANES):
                 S[j + AT.LAG] += dt * S[j + AT.LAG_RATE]

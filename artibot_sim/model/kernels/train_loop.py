@@ -98,7 +98,7 @@ from artibot_sim.model.kernels.loop import DIVERGED, LIMIT, OK, next_efficiency,
 from artibot_sim.model.kernels.steps import (
     next_stage,
     next_stage_of_lag,
-    one_stage,
+    semi_implicit,
     stage_time,
     stage_weight,
 )
@@ -750,7 +750,7 @@ def train_semi_implicit(state, modules, joints, inputs, grid, work, out, out_e, 
             break
         for i in range(len(modules)):
             for c in range(8):
-                q[i, c], v[i, c] = one_stage(dt, q[i, c], v[i, c], w[i, ACC + c], Z <= c <= BETA)
+                q[i, c], v[i, c] = semi_implicit(dt, q[i, c], v[i, c], w[i, ACC + c], Z <= c <= BETA)
         feed_back(modules, fx, v, w, inputs.modes, hold, dt, eta, previous)
         if fx is not None:
             for i in range(len(modules)):

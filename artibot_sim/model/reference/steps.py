@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from artibot_sim.model.equations.transmission import Mode
 from artibot_sim.model.ground.raster import Surface
 from artibot_sim.model.kernels.layout import MEMORY, MOTOR_COORDINATES
-from artibot_sim.model.kernels.steps import FINER
 from artibot_sim.model.reference.contact import Wheels, contact, modules_of, motors_of
 from artibot_sim.model.reference.dynamics import (
     body_system,
@@ -159,149 +158,63 @@ def rk4_step(
     return PlainState(new_q, new_v, eta, torque, new_memory, _wound(fx, _wound_up(state, modes, *trails)))
 
 
-_G = (3.0 - np.sqrt(5.0)) / 4.0
-
-
 def semi_implicit_step(
     p: Params,
     state: PlainState,
     modes: Sequence[Mode],
-    drives: Sequence[Array],
+    drive: Array,
     command: Array,
     factor: float,
     dt: float,
     fx: PlainEffects = NEUTRAL,
     ground: Surface | None = None,
 ) -> PlainState:
-    """One step of two stages with implicit wheel spin, see `kernels.steps`; the arguments of `rk4_step`.
+    """One step of symplectic Euler with implicit wheel spin.
 
-    `drives` are at the step's start, at a quarter of it, and at its end.
+    `drive` (4, 4) holds the commanded angles and speeds at the step's start, the mean acceleration over it, and the
+    commanded angles at its end.
     """
-    g = _G
-    begun = state.q, state.v, state.memory
+    held = _hold(p, state, command, factor)
+    v = state.v.copy()
+    torque = np.zeros(4)
     fx = fx.with_motion(p, state.q, state.v)
-    first = _semi_implicit_stage(p, begun, state, modes, drives, 0, command, factor, 2 * g * dt, fx, ground)
-    at = _after(begun, (first.acceleration, first.memory_rate), dt / 4)
-    fx_at = fx.at(fx.t + dt / 4).with_motion(p, *at[:2])
-    second = _semi_implicit_stage(p, at, state, modes, drives, 1, command, factor, g * dt, fx_at, ground)
-    rates = 2 * second.acceleration - first.acceleration, 2 * second.memory_rate - first.memory_rate
-    new_q, new_v, new_memory = _after(begun, rates, dt)
-    turned = state.q[MOTOR_COLUMNS], first.v[MOTOR_COLUMNS], first.acceleration[MOTOR_COLUMNS]
-    eta = _feed_back(p, first.torque, first.M_r, *turned, state.eta, modes, command, fx, dt)
-    trails = drives[0][0] - state.q[MOTOR_COLUMNS], drives[2][0] - new_q[MOTOR_COLUMNS]
-    behind = _wound(fx, _wound_up(state, modes, *trails))
-    return PlainState(new_q, new_v, eta, first.torque, new_memory, behind)
-
-
-def semi_implicit_steps(
-    p: Params,
-    state: PlainState,
-    modes: Sequence[Mode],
-    commanded: Callable[[float], Array],
-    torques: Callable[[int], Array],
-    factor: float,
-    dt: float,
-    steps: int,
-    fx: PlainEffects = NEUTRAL,
-    ground: Surface | None = None,
-) -> PlainState:
-    """Semi-implicit steps; one over which a wheel begins or ceases to slide is taken again in `kernels.steps.FINER`.
-
-    Parameters
-    ----------
-    commanded : function
-        Commanded angles, speeds and accelerations (3, 4) at a time (s).
-    torques : function
-        Commanded torques (4,) of a step by its number, as `rk4_step` has them.
-    """
-
-    def step(at: PlainState, number: int, t: float, h: float) -> PlainState:
-        drives = [commanded(t + part * h) for part in (0.0, 0.25, 1.0)]
-        return semi_implicit_step(p, at, modes, drives, torques(number), factor, h, fx.at(t), ground)
-
-    def sliding(at: PlainState, number: int) -> list[bool]:
-        t = number * dt
-        drives = [commanded(t)]
-        now, here = fx.at(t).with_motion(p, at.q, at.v), (at.q, at.v, at.memory)
-        over = 2 * _G * dt
-        return _semi_implicit_stage(p, here, at, modes, drives, 0, torques(number), factor, over, now, ground).sliding
-
-    slid = sliding(state, 0)
-    for number in range(steps):
-        end = step(state, number, number * dt, dt)
-        if sliding(end, number + 1) != slid:
-            end, h = state, dt / int(FINER)
-            for part in range(int(FINER)):
-                end = step(end, number, number * dt + part * h, h)
-        state, slid = end, sliding(end, number + 1)
-    return state
-
-
-def _after(begun: tuple[Array, Array, Array], rates: tuple[Array, Array], h: float) -> tuple[Array, Array, Array]:
-    """q, v and memory `h` (s) after `begun`, at constant rates of v and memory."""
-    q, v, memory = begun
-    new_v = v + h * rates[0]
-    return q + h * (v + new_v) / 2, new_v, memory + h * rates[1]
-
-
-@dataclass(frozen=True)
-class _Stage:
-    """What a stage of a semi-implicit step finds: rates of v (16,) and memory, v (16,) at the end of what it takes
-    implicitly, torques of the motors and on their axles (4,), N m, and which wheels slide."""
-
-    acceleration: Array
-    memory_rate: Array
-    v: Array
-    torque: Array
-    M_r: Array
-    sliding: list[bool]
-
-
-def _semi_implicit_stage(
-    p: Params, at: tuple[Array, Array, Array], start: PlainState, modes: Sequence[Mode], drives: Sequence[Array],
-    k: int, command: Array, factor: float, over: float, fx: PlainEffects, ground: Surface | None,
-) -> _Stage:  # fmt: skip
-    """Stage `k` at q, v and memory `at`, spin and what wheels remember implicitly `over` a time (s).
-
-    Efficiencies and integrals of the speeds' errors are those of the step's `start`.
-    """
-    q, v, memory = at
-    rates, torque, drive, held = v.copy(), np.zeros(4), drives[k], _hold(p, start, command, factor)
-    shared = np.isnan(command) & (np.array(modes) == Mode.TORQUE) & (np.arange(4) > 1) & (factor != 0.0)
-    behind = _wound_up(start, modes, drives[0][0] - start.q[MOTOR_COLUMNS], drive[0] - q[MOTOR_COLUMNS])
-    state = PlainState(q, v, start.eta, start.torque, memory, behind)
-    old = contact(p, q, v, fx, memory, ground=ground)
+    old = contact(p, state.q, state.v, fx, state.memory, ground=ground)
+    for i in range(len(motors_of(p))):
+        v[MOTOR_COLUMNS[i]], torque[i] = _next_speed(p, state, old, i, modes[i], drive[:, i], held[i], dt, fx)
+    wheels = contact(p, state.q, v, fx, state.memory, dt, state.v, ground)
     for i, motor in enumerate(motors_of(p)):
-        if i == 2:  # eq. 30 takes the front torques of the same stage
-            held = np.where(shared, factor * (torque[0] + torque[1]), held)
-        c = MOTOR_COLUMNS[i]
-        rates[c], torque[i] = _next_speed(p, state, old, i, modes[i], drive[:, i], held[i], over, fx)
         if modes[i] == Mode.PRESCRIBED:
-            wheels = contact(p, q, rates, fx, memory, over, v, ground)
-            load = motor.tau / start.eta[i] * load_torque(p, wheels, i, motor.tau * rates[c])
-            load += dragging(fx, motor, i, q[c], rates[c])
-            inertia = motor.J_m + motor.J_w * motor.tau**2 / start.eta[i]
-            torque[i] = inertia * (rates[c] - v[c]) / over + load
-    wheels = contact(p, q, rates, fx, memory, over, v, ground)
-    mass, n, phi, right = body_system(p, q, v, wheels, fx, over, 0.0 if ground is None else p.pitching)
-    solved, _ = solve_augmented(mass, phi, n, right)
+            c = MOTOR_COLUMNS[i]
+            load = motor.tau / state.eta[i] * load_torque(p, wheels, i, motor.tau * v[c])
+            load += dragging(fx, motor, i, state.q[c], v[c])
+            inertia = motor.J_m + motor.J_w * motor.tau**2 / state.eta[i]
+            torque[i] = inertia * (v[c] - state.v[c]) / dt + load
+    mass, n, phi, right = body_system(p, state.q, state.v, wheels, fx, dt, 0.0 if ground is None else p.pitching)
+    acceleration, _ = solve_augmented(mass, phi, n, right)
+    new_v = v.copy()
     bodies = [i for _, offset in modules_of(p) for i in range(offset, offset + 6)]
-    acceleration = (rates - v) / over
-    acceleration[bodies] = solved[bodies]
-    M_r = _loads(p, wheels, rates[MOTOR_COLUMNS])
-    return _Stage(acceleration, wheels.memory_rate, rates, torque, M_r, (wheels.held != 1.0).tolist())
+    new_v[bodies] = state.v[bodies] + dt * acceleration[bodies]
+    vertical = np.isin(np.arange(16) % 8, (2, 3, 4))
+    new_q = state.q + dt * np.where(vertical, new_v, 0.5 * (state.v + new_v))
+    speeds = new_v[MOTOR_COLUMNS]
+    turned = state.q[MOTOR_COLUMNS], speeds, (speeds - state.v[MOTOR_COLUMNS]) / dt
+    M_r = _loads(p, wheels, speeds)
+    eta = _feed_back(p, torque, M_r, *turned, state.eta, modes, command, fx, dt)
+    trails = drive[0] - state.q[MOTOR_COLUMNS], drive[3] - new_q[MOTOR_COLUMNS]
+    behind = _wound(fx, _wound_up(state, modes, *trails))
+    return PlainState(new_q, new_v, eta, torque, state.memory + dt * wheels.memory_rate, behind)
 
 
 def _next_speed(
     p: Params, state: PlainState, wheels: Wheels, i: int, mode: Mode, drive: Array, held: float, dt: float,
     fx: PlainEffects,
 ) -> tuple[float, float]:  # fmt: skip
-    """Speed of a motor `dt` (s) on, the slip of its wheels linearised by the secant of eqs 15, 16; its torque."""
+    """Speed of a motor after a step, the slip of its wheels linearised by the secant of eqs 15, 16; its torque."""
     motor, c = motors_of(p)[i], MOTOR_COLUMNS[i]
     theta, theta_dot = state.q[c], state.v[c]
-    _, d_dot, d_ddot = drive
+    _, d_dot, d_ddot, _ = drive
     if mode == Mode.PRESCRIBED:
-        return theta_dot + dt * follow(p, theta, theta_dot, drive), 0.0
+        return theta_dot + dt * follow(p, theta, theta_dot, drive[:3]), 0.0
     eta, pair, drag = state.eta[i], slice(2 * i, 2 * i + 2), dragged(fx, motor, i, theta_dot)
     slope = wheels.slope[pair] @ wheels.radius[pair] ** 2  # of the torque on the axle
     inertia = motor.J_m + motor.J_w * motor.tau**2 / eta + dt * motor.tau / eta * slope * motor.tau

@@ -689,9 +689,9 @@ def rollout(
 
     Notes
     -----
-    The step before feeds back (Fig. 7): the efficiencies of a step are those of eq. 23 there, and back torques under
-    RK4 eq. 30 of the front torques at its start (semi-implicit steps share those of the same stage). Both are in
-    `State`, so a rollout continued from `final_state` at a knot equals one that was never cut, bit for bit.
+    The step before feeds back (Fig. 7): back torques of a step are eq. 30 of the front torques at the start of the
+    step before, and the efficiencies are those of eq. 23 there. Both are in `State`, so a rollout continued from
+    `final_state` at a knot equals one that was never cut, bit for bit.
     """
     setup = prepare(robot, commands, dt, integrator, every, modes, kappa, state, duration, ground)
     return simulate(setup, dt, integrator, every, energy)
