@@ -237,7 +237,7 @@ TABLE = (
     Row("nor of the whole list", (), 1.0, 24, "agriq", names_nothing, BRIEF),
     Row(
         "a force of a single motor, in real bags by the command", ("motor_drag",), 1.0, 27, "agriq",
-        names("motor_drag", within=0.15, by=command_line), BRIEF, always=True,
+        names("motor_drag", within=0.15, by=command_line), BRIEF,
     ),
     Row(
         "one shows between commands and speeds, one between rotations and motion: neither takes from the other",
