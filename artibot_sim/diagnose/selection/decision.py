@@ -39,8 +39,38 @@ class Named:
     stage: int = 0
 
 
+class FittedEffects:
+    """Models that grow by one effect after the other.
+
+    Attributes
+    ----------
+    fits : tuple of (Problem, Fit)
+        With none of the `fitted` effects, with the first of them, the first two, …, and with all.
+    named : tuple of Named
+        In the order in which they were found.
+    """
+
+    fits: tuple[tuple[Problem, Fit], ...]
+    named: tuple[Named, ...]
+
+    @property
+    def problem(self) -> Problem:
+        """With all effects, without laws."""
+        return self.fits[-1][0]
+
+    @property
+    def fit(self) -> Fit:
+        """With all effects, without laws."""
+        return self.fits[-1][1]
+
+    @property
+    def fitted(self) -> tuple[Named, ...]:
+        """What is named and was fitted to the motion; the rest only commands show."""
+        return tuple(one for one in self.named if not one.found)
+
+
 @dataclass(frozen=True)
-class Decision:
+class Decision(FittedEffects):
     """What was decided, and from what.
 
     Attributes
@@ -104,16 +134,6 @@ class Decision:
         return self.fits[0][1]
 
     @property
-    def problem(self) -> Problem:
-        """With all named effects, without laws."""
-        return self.fits[-1][0]
-
-    @property
-    def fit(self) -> Fit:
-        """With all named effects, without laws."""
-        return self.fits[-1][1]
-
-    @property
     def whole(self) -> tuple[Problem, Fit]:
         """The model with all that was found: named effects and laws."""
         return (self.problem, self.fit) if self.laws is None else (self.laws.problem, self.laws.fit)
@@ -128,11 +148,6 @@ class Decision:
     def ordered(self) -> tuple[Named, ...]:
         """What is named, that with the most evidence first."""
         return tuple(sorted(self.named, key=lambda one: -one.nats))
-
-    @property
-    def fitted(self) -> tuple[Named, ...]:
-        """What was fitted with the soil, in the order in which it was found; the rest only commands show."""
-        return tuple(one for one in self.named if not one.found)
 
     def without_last(self) -> Decision:
         """The decision before the last of the `fitted` effects was found; there has to be one."""

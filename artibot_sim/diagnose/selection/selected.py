@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from artibot_sim.diagnose.candidates.hypotheses import without_effect
-from artibot_sim.diagnose.selection.decision import Named
+from artibot_sim.diagnose.selection.decision import FittedEffects, Named
 from artibot_sim.diagnose.selection.elimination import Removal
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.problem import Problem
@@ -13,7 +13,7 @@ from artibot_sim.estimation.search import Fit, converge
 
 
 @dataclass(frozen=True)
-class SelectedModel:
+class SelectedModel(FittedEffects):
     """The paper's model with the effects that are named so far.
 
     Attributes
@@ -30,21 +30,6 @@ class SelectedModel:
     named: tuple[Named, ...] = ()
     dropped: tuple[str, ...] = ()
     refuted: tuple[str, ...] = ()
-
-    @property
-    def problem(self) -> Problem:
-        """With all effects."""
-        return self.fits[-1][0]
-
-    @property
-    def fit(self) -> Fit:
-        """With all effects."""
-        return self.fits[-1][1]
-
-    @property
-    def fitted(self) -> tuple[Named, ...]:
-        """What is named and was fitted to the motion; the rest only commands show."""
-        return tuple(one for one in self.named if not one.found)
 
     @property
     def names(self) -> list[str]:
