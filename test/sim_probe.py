@@ -6,7 +6,9 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 pytest.importorskip("rclpy", reason="rclpy is not installed; run `make setup`, or source a ROS 2 Jazzy")
 
@@ -105,6 +107,15 @@ class Probe:
     def speed(self) -> float:
         """Newest forward speed, m/s."""
         return self.last().twist.twist.linear.x
+
+    def braking(self) -> NDArray[np.float64]:
+        """Deceleration that was commanded between two messages (m/s², of the faster front wheel).
+
+        By their stamps: a listener that a busy machine holds up for a quarter of a second misses some of them.
+        """
+        fastest = METRES * np.abs([message.velocity[:2] for message in self.got["motor_command"]]).max(axis=1)
+        passed = 1e-9 * np.diff([stamp_ns(message) for message in self.got["motor_command"]])
+        return -np.diff(fastest) / passed
 
     def now_ns(self) -> int:
         """Newest stamp of the ground truth."""
