@@ -102,7 +102,7 @@ def torque_limit(data: CommandData, noise: SpeedNoise, error: Array) -> Limit | 
     """
     if not _driven(data):
         return None
-    return _scanned(data, noise, error, _spread(data))
+    return _scanned(data, noise, _Errors.of(data, noise, error), _spread(data))
 
 
 def torque_line(data: CommandData, noise: SpeedNoise, error: Array) -> Limit | None:
@@ -114,15 +114,15 @@ def torque_line(data: CommandData, noise: SpeedNoise, error: Array) -> Limit | N
     if not _driven(data):
         return None
     spread, fastest = _spread(data), float(_driving(data).max())
-    unit = _top(np.abs(np.nan_to_num(data.torque))) / max(fastest, 1e-9)
-    tried = {slope: _scanned(data, noise, error, spread, unit * slope) for slope in _SLOPES}
+    unit, errors = _top(np.abs(np.nan_to_num(data.torque))) / max(fastest, 1e-9), _Errors.of(data, noise, error)
+    tried = {slope: _scanned(data, noise, errors, spread, unit * slope) for slope in _SLOPES}
     best = max(tried, key=lambda slope: tried[slope].nats)
     for finer in _FINER:
         i = min(int(np.searchsorted(_SLOPES, best)), len(_SLOPES) - 2)
         step = finer * (_SLOPES[i + 1] - _SLOPES[i])
         for slope in (best - step, best + step):
             if 0.0 <= slope <= _SLOPES[-1]:
-                tried[slope] = _scanned(data, noise, error, spread, unit * slope)
+                tried[slope] = _scanned(data, noise, errors, spread, unit * slope)
         best = max(tried, key=lambda slope: tried[slope].nats)
     return tried[best]
 
@@ -156,11 +156,11 @@ def excluded_limit(data: CommandData, noise: SpeedNoise, error: Array, enough: f
     """
     if not _driven(data):
         return 0.0
-    size, spread = np.abs(np.nan_to_num(data.torque)), _spread(data)
+    size, spread, errors = np.abs(np.nan_to_num(data.torque)), _spread(data), _Errors.of(data, noise, error)
     top = _top(size)
     found = 0.0
     for limit in np.linspace(0.5 * top, top, 51):
-        if _at(data, noise, error, size, float(limit), spread)[0] > -enough:
+        if _at(data, noise, errors, size, float(limit), spread)[0] > -enough:
             break
         found = float(limit)
     return found
@@ -187,15 +187,52 @@ def _spread(data: CommandData) -> float:
     return float(np.hypot(_noise_of_torques(data), _RELATIVE * _top(np.abs(np.nan_to_num(data.torque)))))
 
 
-def _scanned(data: CommandData, noise: SpeedNoise, error: Array, spread: float, slope: float | None = None) -> Limit:
+@dataclass(frozen=True)
+class _Errors:
+    """Errors of predicted speeds (n,), and what they say whichever limit is tried.
+
+    Attributes
+    ----------
+    sigma : float
+        Noise of a single one, rad/s.
+    short : array, shape (n,)
+        Shortfalls: errors against the motor's torque, rad/s; NaN where no torque is recorded.
+    usual : array, shape (n,)
+        Their log-density where nothing holds the motor.
+    caught : array, shape (n,)
+        Log-likelihood that each gains where the velocity loop may be catching up.
+    """
+
+    sigma: float
+    short: Array
+    usual: Array
+    caught: Array
+
+    @staticmethod
+    def of(data: CommandData, noise: SpeedNoise, error: Array) -> _Errors:
+        """Of errors (n,), rad/s."""
+        sigma = _level(noise, error)
+        usual = log_density(error / sigma) - np.log(sigma)
+        last = np.concatenate(([0.0], error[:-1]))
+        width = np.hypot(sigma, _LEFT[1] * np.abs(last))
+        catching = -0.5 * ((error - _LEFT[0] * last) / width) ** 2 - np.log(width) - 0.5 * np.log(2.0 * np.pi)
+        return _Errors(sigma, -error * np.sign(data.torque), usual, _either(catching, usual))
+
+
+def _either(density: Array, usual: Array) -> Array:
+    """Log-likelihood gained where errors are as `density` has it with a probability of _SHARE, or else as usual."""
+    return np.asarray(np.logaddexp(np.log(_SHARE) + density, np.log(1.0 - _SHARE) + usual) - usual)
+
+
+def _scanned(data: CommandData, noise: SpeedNoise, errors: _Errors, spread: float, slope: float | None = None) -> Limit:
     """The best limit that falls by `slope`, or is level; what speeds take of it is added to the torques."""
     size = np.abs(np.nan_to_num(data.torque))
     if slope:
         size, spread = size + slope * _driving(data), float(np.hypot(spread, slope * noise.sigma))
-    plain = -error * np.sign(data.torque) > 4.0 * _level(noise, error)
+    plain = errors.short > 4.0 * errors.sigma
     best = None
     for limit in _top(size) + spread * np.linspace(-7.0, 1.5, 18):
-        nats, held, at = _at(data, noise, error, size, float(limit), spread)
+        nats, held, at = _at(data, noise, errors, size, float(limit), spread)
         if best is None or nats > best[0]:
             best = nats, held, at, float(limit)
     assert best is not None
@@ -206,12 +243,12 @@ def _scanned(data: CommandData, noise: SpeedNoise, error: Array, spread: float, 
 
 
 def _at(
-    data: CommandData, noise: SpeedNoise, error: Array, size: Array, limit: float, spread: float
+    data: CommandData, noise: SpeedNoise, errors: _Errors, size: Array, limit: float, spread: float
 ) -> tuple[float, Flags, Flags]:
     """Nats that a limit gains; samples that it explains, and those that are near it."""
     known = np.isfinite(data.torque)
     near = known & (size > limit - _NEAR * spread)
-    held, gain = _gain(data, near, -error * np.sign(data.torque), error, _level(noise, error))
+    held, gain = _gain(data, near, errors)
     excess = np.maximum((size[known] - limit) / spread - 1.0, 0.0)
     return (gain - 0.5 * float(excess @ excess)) / noise.thinning, held, near
 
@@ -251,23 +288,17 @@ def _line(data: CommandData, rows: Flags, spread: float, found: Limit) -> Limit:
     )
 
 
-def _gain(data: CommandData, at: Flags, short: Array, error: Array, sigma: float) -> tuple[Flags, float]:
+def _gain(data: CommandData, at: Flags, errors: _Errors) -> tuple[Flags, float]:
     """Which samples a limit explains, and the log-likelihood that it gains there."""
-    usual = log_density(error / sigma) - np.log(sigma)
-    mean = max(float(np.mean(np.maximum(short[at], 0.0))) if at.any() else 0.0, 3.0 * sigma)
-    falls = _exponential(short, mean, sigma)
-    gains = np.where(at, np.logaddexp(np.log(_SHARE) + falls, np.log(1.0 - _SHARE) + usual) - usual, 0.0)
+    gains, sigma, short = np.zeros(len(at)), errors.sigma, errors.short[at]
+    mean = max(float(np.maximum(short, 0.0).mean()) if len(short) else 0.0, 3.0 * sigma)
+    gains[at] = _either(_exponential(short, mean, sigma), errors.usual[at])
     after = np.zeros(len(at), bool)
     before = at
     for _ in range(_AFTER):
-        follows = np.concatenate(([False], before[:-1])) & data.whole[:, 0] & ~at & ~after
-        last = np.concatenate(([0.0], error[:-1]))
-        width = np.hypot(sigma, _LEFT[1] * np.abs(last))
-        catching = -0.5 * ((error - _LEFT[0] * last) / width) ** 2 - np.log(width) - 0.5 * np.log(2.0 * np.pi)
-        better = np.logaddexp(np.log(_SHARE) + catching, np.log(1.0 - _SHARE) + usual) - usual
-        gains = np.where(follows, better, gains)
-        after |= follows
-        before = follows
+        before = np.concatenate(([False], before[:-1])) & data.whole[:, 0] & ~at & ~after
+        after |= before
+    gains[after] = errors.caught[after]
     return at | after, float(gains[data.counts].sum())
 
 
