@@ -14,7 +14,15 @@ from scipy.optimize import minimize_scalar
 
 from artibot_sim.diagnose.commands.data import CommandData
 from artibot_sim.diagnose.commands.limit import LIMIT, SAG, Limit, excluded_limit, limited, torque_limit, torque_line
-from artibot_sim.diagnose.commands.loop import LOOP, VelocityLoop, cutting, unexplained, velocity_loop
+from artibot_sim.diagnose.commands.loop import (
+    LOOP,
+    Stretches,
+    VelocityLoop,
+    best_fit,
+    stretches,
+    unexplained,
+    velocity_loop,
+)
 from artibot_sim.diagnose.commands.mixing import Mixing, mixing
 from artibot_sim.diagnose.commands.model import (
     FILTER,
@@ -402,21 +410,23 @@ class CommandFits:
         """The loop that explains torques beside a response, stamps as torques want them."""
 
         slow = self.data.slow if response.filter == 0.0 else 0.0  # a low-pass holds speeds back and not angles
+        at_rest, most = stretches(self.data), self.fitter.clock
 
-        def short(clock: float) -> Array:
+        def parts(clock: float) -> Stretches:
             asked = predicted_speeds(self.data, response._replace(clock=clock))
-            return np.asarray((asked - self.data.speed - slow) / response.scale)
+            return at_rest.behind((asked - self.data.speed - slow) / response.scale)
 
-        most = self.fitter.clock
         cut = math.inf
         for _ in range(_LOOPS):
             best = minimize_scalar(
-                lambda clock, cut=cut: unexplained(self.data, short(clock), cut), bounds=(-most, most), method="bounded"
+                lambda clock, cut=cut: unexplained(parts(clock), cut), bounds=(-most, most), method="bounded"
             )
-            before, cut = cut, cutting(self.data, short(float(best.x)))
+            found = parts(float(best.x))
+            fit = best_fit(found)
+            before, cut = cut, math.inf if fit is None else fit.cut
             if cut == before or abs(cut - before) < _SAME * cut:
                 break
-        return velocity_loop(self.data, short(float(best.x)))
+        return None if fit is None else velocity_loop(found, fit)
 
     def _limited(self, fitter: Fitter, listed: Sequence[str], best: Best, line: bool) -> tuple[Best, Limit | None]:
         """The response fitted without samples that a limit explains, and the limit, or line, that is left with it."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,8 @@ _COARSE = 48
 """How many of them, before the best one is refined."""
 _AGAIN = 3
 """Rounds in which how far a part was behind when it began is corrected."""
+_NONE = 1e-300
+"""Square below which there is none."""
 _FINE = 1e-3
 """Relative change of that angle for finite differences, and how near the best one is looked for."""
 
@@ -66,28 +68,23 @@ class VelocityLoop:
     cut: float = math.inf
 
 
-def velocity_loop(data: CommandData, short: Array) -> VelocityLoop | None:
-    """The loop that explains recorded torques by the speeds (n,) by which motors fall short, rad/s.
+def velocity_loop(parts: Stretches, fit: LoopFit) -> VelocityLoop | None:
+    """The loop that a fit found, with its standard deviations.
 
-    None where too few torques are recorded, or more is left of them than of a loop's: a motor that is told what its
-    load needs is not behind by more than its sensors' noise, and then nearly all of the torque is left.
+    None where more is left of the torques than of a loop's: a motor that is told what its load needs is not behind by
+    more than its sensors' noise, and then nearly all of the torque is left.
     """
-    parts = _parts(data, short)
-    fit = _best(parts)
-    if fit is None:
-        return None
     count, square = len(fit.torque), float(fit.torque @ fit.torque)
     used = 3 if fit.cut < math.inf else 2 if fit.solved[1] > 0.0 else 1
     if fit.solved[0] <= 0.0 or fit.remains > LEFT_OF_TORQUES**2 * square:
         return None
-    columns = fit.behind
+    rows = fit.behind
     if used == 3:
         more, less = (parts.angles(fit.cut * (1.0 + way * _FINE), fit.began) for way in (1.0, -1.0))
-        change = parts.centred(more - less) / (2.0 * _FINE * fit.cut)
-        columns = np.column_stack([columns, fit.solved[1] * change])
+        rows = np.vstack([rows, fit.solved[1] * (more - less) / (2.0 * _FINE * fit.cut)])
     variance = fit.remains / max(count - used - 1, 1)
     covariance = np.zeros((3, 3))
-    covariance[:used, :used] = variance * np.linalg.pinv(columns[:, :used].T @ columns[:, :used])
+    covariance[:used, :used] = variance * np.linalg.pinv(rows[:used] @ rows[:used].T)
     gain, integral = float(fit.solved[0]), float(fit.solved[1] / fit.solved[0])
     windup = float(fit.solved[1]) * fit.cut if used == 3 else math.inf
     slope = np.array([-integral, 1.0, 0.0]) / gain  # of the integral by what was solved for
@@ -99,98 +96,140 @@ def velocity_loop(data: CommandData, short: Array) -> VelocityLoop | None:
     )  # fmt: skip
 
 
-def _sd_of_windup(fit: _Fit, covariance: Array) -> float:
+def _sd_of_windup(fit: LoopFit, covariance: Array) -> float:
     """Of gain · integral · cut."""
     slope = np.array([0.0, fit.cut, fit.solved[1]])
     return max(float(np.sqrt(slope @ covariance @ slope)), _RELATIVE * float(fit.solved[1]) * fit.cut)
 
 
-def cutting(data: CommandData, short: Array) -> float:
-    """Angle behind (rad) at which the windup limit of the loop that explains torques best cuts; infinite of none."""
-    fit = _best(_parts(data, short))
-    return math.inf if fit is None else fit.cut
-
-
-def unexplained(data: CommandData, short: Array, cut: float = math.inf) -> float:
+def unexplained(parts: Stretches, cut: float = math.inf) -> float:
     """Share of the square of recorded torques that the best loop leaves of them; 1 where nothing is recorded.
 
     `cut` is the angle behind at which its windup limit cuts, rad.
     """
-    fit = _fit(_parts(data, short), cut)
+    fit = _fit(parts, cut)
     return 1.0 if fit is None else fit.remains / float(fit.torque @ fit.torque)
 
 
-@dataclass(frozen=True)
-class _Parts:
+class Stretches(NamedTuple):
     """Stretches of motors without a gap, one after the other: n samples of p stretches, in m bins that count.
 
     Attributes
     ----------
+    rows : array of int, shape (n,)
+        Which samples of the recordings these are.
     t, e : array, shape (n,)
         Times (s), and speeds behind (rad/s).
     first : array of int, shape (p + 1,)
         Where each stretch begins, and n.
     each : array of int, shape (n,)
         The bin that a sample is in; −1 of those that do not count.
+    begins : array of int, shape (p + 1,)
+        The first bin of each stretch, and m.
     share : array, shape (m,)
         What one sample has of the mean of its bin.
-    of : array of int, shape (m,)
-        The stretch that a bin is of.
     torque, speed : array, shape (m,)
         Means of the bins, N m and rad/s.
     """
 
+    rows: Indices
     t: Array
     e: Array
     first: Indices
     each: Indices
+    begins: Indices
     share: Array
-    of: Indices
     torque: Array
     speed: Array
 
-    @cached_property
-    def begins(self) -> Indices:
-        """The first bin of each stretch, shape (p,)."""
-        return np.searchsorted(self.of, np.arange(len(self.first) - 1))
-
-    def centred(self, values: Array) -> Array:
-        """Of the bins, each stretch's less their mean: that is what its loop had taken up."""
-        return np.asarray(values - (np.bincount(self.of, values) / np.bincount(self.of))[self.of])
-
-    @cached_property
-    def moving(self) -> Array:
-        """Speeds less their means, rad/s."""
-        return self.centred(self.speed)
+    def behind(self, short: Array) -> Stretches:
+        """The same of motors that fall short by these speeds, rad/s, one for each sample of the recordings."""
+        e, inside = short[self.rows], self.each >= 0
+        return self._replace(e=e, speed=self.share * np.bincount(self.each[inside], e[inside], len(self.share)))
 
     def angles(self, cut: float, began: Array) -> Array:
-        """Mean angles behind of the bins (m,), rad, which the windup limit keeps within ±`cut`."""
-        angles = np.zeros(len(self.share))
-        _wind(self.e, self.t, self.first, self.each, cut, began, angles)
-        return angles * self.share
-
-    def beginning(self, gain: float, rising: float, cut: float, began: Array, angles: Array) -> Array:
-        """How far behind they began (p,), rad, so that each one's first bin has the torque that is recorded there."""
-        k = self.begins
-        missing = self.torque[k] - gain * self.speed[k] - rising * angles[k]
-        return np.asarray(np.clip(began + missing / rising, -cut, cut))
+        """Mean angles behind of the bins (m,), rad, which the windup limit keeps within ±`cut`; each less its mean."""
+        angles, centred = np.empty_like(self.share), np.empty_like(self.share)
+        _wind(self, cut, began, angles)
+        _centre(angles, self.begins, centred)
+        return centred
 
 
 @kernel
-def _wind(e: Array, t: Array, first: Indices, each: Indices, cut: float, began: Array, angles: Array) -> None:
-    """Sums over bins of the integrals of `e` over `t` within ±`cut`, of stretches from `began` on."""
+def _wind(parts: Stretches, cut: float, began: Array, angles: Array) -> None:
+    """Means over bins of the integrals of `e` over `t` within ±`cut`, of stretches from `began` on."""
+    t, e, first, each = parts.t, parts.e, parts.first, parts.each
+    angles[:] = 0.0
     for p in range(len(first) - 1):
         angle = min(max(began[p], -cut), cut)
         for k in range(first[p], first[p + 1]):
             if k > first[p]:
                 angle = min(max(angle + 0.5 * (e[k] + e[k - 1]) * (t[k] - t[k - 1]), -cut), cut)
             if each[k] >= 0:
-                angles[each[k]] += angle
+                angles[each[k]] += parts.share[each[k]] * angle
+
+
+@kernel
+def _centre(values: Array, begins: Indices, out: Array) -> None:
+    """Of the bins, each stretch's less their mean: that is what its loop had taken up."""
+    for p in range(len(begins) - 1):
+        mean = values[begins[p] : begins[p + 1]].mean()
+        for i in range(begins[p], begins[p + 1]):
+            out[i] = values[i] - mean
+
+
+@kernel
+def _regress(torque: Array, behind: Array, solved: Array) -> None:
+    """Gain and gain · integral by least squares; no loop gives back what it has taken up.
+
+    What the angles have beside the speeds is what tells their share.
+    """
+    speed, angle = behind[0], behind[1]
+    square = max(_product(speed, speed), _NONE)
+    along = _product(speed, angle) / square
+    beside = torque_beside = 0.0
+    for i in range(len(torque)):
+        own = angle[i] - along * speed[i]
+        beside += own * own
+        torque_beside += own * torque[i]
+    solved[1] = max(torque_beside / max(beside, _NONE), 0.0)
+    solved[0] = _product(speed, torque) / square - solved[1] * along
+
+
+@kernel
+def _product(one: Array, other: Array) -> float:
+    total = 0.0
+    for i in range(len(one)):
+        total += one[i] * other[i]
+    return total
+
+
+@kernel
+def _solve(
+    parts: Stretches, cut: float, rounds: int, began: Array, angles: Array, torque: Array, behind: Array, solved: Array
+) -> None:
+    """Gain and gain · integral, and what they are solved from, with a windup limit that cuts at `cut` (see `LoopFit`).
+
+    After each round but the last, stretches have begun so far behind that each one's first bin has the torque that is
+    recorded there.
+    """
+    _centre(parts.torque, parts.begins, torque)
+    _centre(parts.speed, parts.begins, behind[0])
+    for k in range(rounds):
+        _wind(parts, cut, began, angles)
+        _centre(angles, parts.begins, behind[1])
+        _regress(torque, behind, solved)
+        if k == rounds - 1 or solved[0] <= 0.0 or solved[1] <= 0.0:
+            break
+        for p in range(len(began)):
+            i = parts.begins[p]
+            missing = parts.torque[i] - solved[0] * parts.speed[i] - solved[1] * angles[i]
+            began[p] = min(max(began[p] + missing / solved[1], -cut), cut)
 
 
 @dataclass(frozen=True)
-class _Fit:
-    """Torques (m,), and speeds and angles (m, 2) behind, of each part less their means; gain and gain · integral.
+class LoopFit:
+    """Torques (m,), and speeds and angles (2, m) behind, of each part less their means; gain and gain · integral.
 
     `remains` is the square that these leave of the torques, `cut` where the windup limit cuts (rad), `began` how far
     each stretch was behind when it began, rad.
@@ -204,12 +243,15 @@ class _Fit:
     began: Array
 
 
-def _best(parts: _Parts) -> _Fit | None:
-    """The loop that leaves least, with a windup limit where that gains what its freedom costs."""
+def best_fit(parts: Stretches) -> LoopFit | None:
+    """The loop that leaves least, with a windup limit where that gains what its freedom costs; None of too few torques.
+
+    It explains torques by the speeds by which motors fall short.
+    """
     plain = _fit(parts, math.inf)
     if plain is None or plain.remains <= 0.0:
         return plain
-    angles, begins = parts.angles(math.inf, plain.began), parts.begins
+    angles, begins = plain.behind[1], parts.begins[:-1]
     reached = float((np.maximum.reduceat(angles, begins) - np.minimum.reduceat(angles, begins)).max())
     if reached <= 0.0:
         return plain
@@ -229,61 +271,46 @@ def _best(parts: _Parts) -> _Fit | None:
     return fit if gains > _FREEDOM else plain
 
 
-def _fit(parts: _Parts, cut: float) -> _Fit | None:
+def _fit(parts: Stretches, cut: float) -> LoopFit | None:
     """Gain and gain · integral by least squares with a windup limit that cuts at `cut` (rad); None of too few torques.
 
     How far a part was behind when it began follows from its first torque; without a windup limit it does not matter.
     """
-    began = np.zeros(len(parts.first) - 1)
-    if len(parts.torque) < _LEAST:
+    count = len(parts.torque)
+    if count < _LEAST:
         return None
-    torque = parts.centred(parts.torque)
+    began, solved, behind = np.zeros(len(parts.first) - 1), np.empty(2), np.empty((2, count))
+    angles, torque = np.empty(count), np.empty(count)
+    _solve(parts, cut, 1 + (_AGAIN if cut < math.inf else 0), began, angles, torque, behind, solved)
     if not torque.any():
         return None
-    rounds = 1 + (_AGAIN if cut < math.inf else 0)
-    for k in range(rounds):
-        angles = parts.angles(cut, began)
-        behind = np.column_stack([parts.moving, parts.centred(angles)])
-        solved, left = _solved(torque, behind)
-        gain, rising = solved.tolist()
-        if k == rounds - 1 or gain <= 0.0 or rising <= 0.0:
-            break
-        began = parts.beginning(gain, rising, cut, began, angles)
-    return _Fit(torque, behind, solved, float(left @ left), cut, began)
+    left = torque - solved @ behind
+    return LoopFit(torque, behind, solved, float(left @ left), cut, began)
 
 
-def _solved(torque: Array, behind: Array) -> tuple[Array, Array]:
-    """Gain and gain · integral by least squares, no loop giving back what it has taken up, and what they leave."""
-    solved: Array = np.linalg.lstsq(behind, torque, rcond=None)[0].astype(np.float64)
-    if solved[1] <= 0.0:
-        speed = behind[:, 0]
-        solved = np.array([float(speed @ torque) / max(float(speed @ speed), 1e-300), 0.0])
-    return np.asarray(solved, float), np.asarray(torque - behind @ solved, float)
-
-
-def _parts(data: CommandData, short: Array) -> _Parts:
-    """Each stretch of a motor without a gap, its torques and speeds in bins that no limit may hold."""
+def stretches(data: CommandData) -> Stretches:
+    """Each stretch of a motor without a gap, its torques in bins that no limit may hold; it falls short of nothing."""
     known = np.isfinite(data.torque)
     top = float(np.sort(np.abs(data.torque[known]))[-10:].mean()) if known.any() else 0.0
     edges = np.flatnonzero(np.concatenate(([True], ~data.whole[1:, 0], [True])))
-    kept: list[tuple[Array, Array, Indices, Array, Array, Array]] = []
+    kept: list[tuple[Indices, Indices, Array, Array]] = []
     bins = 0
     for begin, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        t, e, torque = data.middle[begin:end], short[begin:end], data.torque[begin:end]
+        t, torque = data.middle[begin:end], data.torque[begin:end]
         if end - begin < 2:
             continue
         each = ((t - t[0]) // _BIN).astype(np.int64)
         count = np.bincount(each)
         with np.errstate(invalid="ignore"):
-            mean = np.array([np.bincount(each, column) / count for column in (torque, e)])
+            mean = np.bincount(each, torque) / count
             free = np.bincount(each, ~(np.abs(torque) < _FREE * top)) == 0
         used = free & (count >= 0.5 * count.max())
         if np.count_nonzero(used) > 1:
             number = np.where(used, bins + np.cumsum(used) - 1, -1)
-            kept.append((t, e, number[each], 1.0 / count[used], mean[0, used], mean[1, used]))
+            kept.append((np.arange(begin, end), number[each], 1.0 / count[used], mean[used]))
             bins += np.count_nonzero(used)
-    none = (np.empty(0), np.empty(0), np.empty(0, np.int64), np.empty(0), np.empty(0), np.empty(0))
-    t, e, each, share, torque, speed = (np.concatenate(of) for of in zip(none, *kept, strict=True))
-    first = np.cumsum([0, *(len(one[0]) for one in kept)])
-    of = np.repeat(np.arange(len(kept)), [len(one[3]) for one in kept])
-    return _Parts(t, e, first, each, share, of, torque, speed)
+    none = (np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0), np.empty(0))
+    rows, each, share, torque = (np.concatenate(of) for of in zip(none, *kept, strict=True))
+    first, begins = (np.cumsum([0, *(len(one[i]) for one in kept)]) for i in (0, 2))
+    t = data.middle[rows]
+    return Stretches(rows, t, np.zeros_like(t), first, each, begins, share, torque, np.zeros_like(torque))

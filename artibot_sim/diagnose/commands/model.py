@@ -73,6 +73,8 @@ PARAMETERS = {
 """Effect → its parameter, and what it is called in a `CommandResponse`."""
 
 
+_INSIDE = 1.000001
+"""How far before the end of a grid the last place is between two of its points, in steps."""
 SMOOTHED = 3
 """Samples of torques that are averaged: a velocity loop's motors are behind by little in less time."""
 
@@ -182,11 +184,32 @@ def _set_speeds(data: CommandData, response: CommandResponse, speed: Array | Non
     """Speeds that a response predicts of motors which never fall short of what their loops are asked for."""
     speed = followed(data.command, response, data.begins) if speed is None else speed
     speed = speed if data.rise else lagging(speed, response.filter)
-    at = np.clip(data.at - (response.delay + response.clock) / H, 0.0, len(speed) - 1.000001)
+    late = (response.delay + response.clock) / H
+    if data.rise:
+        turned, found = np.empty(len(speed)), np.empty(len(data))
+        _mean_speeds(speed, data.at, late, turned, found)
+        return response.scale * found
+    at = np.clip(data.at - late, 0.0, len(speed) - _INSIDE)
     i = at.astype(np.int64)
-    share = at - i
-    if not data.rise:
-        return response.scale * (speed[i] + share * (speed[i + 1] - speed[i])).mean(axis=1)
-    turned = np.concatenate(([0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))))
-    angle = turned[i] + share * (speed[i] + 0.5 * share * (speed[i + 1] - speed[i]))
-    return response.scale * (angle[:, 1] - angle[:, 0]) / (data.at[:, 1] - data.at[:, 0])
+    return response.scale * (speed[i] + (at - i) * (speed[i + 1] - speed[i])).mean(axis=1)
+
+
+@kernel
+def _mean_speeds(speed: Array, at: Array, late: float, turned: Array, out: Array) -> None:
+    """Mean speeds (n,) between two places `at` (n, 2) of a grid of speeds (g,), straight between, that come `late`.
+
+    `turned` (g,) is the angle at the places of the grid, in steps of it.
+    """
+    turned[0] = 0.0
+    for k in range(1, len(speed)):
+        turned[k] = turned[k - 1] + 0.5 * (speed[k] + speed[k - 1])
+    last = len(speed) - _INSIDE
+    for row in range(len(at)):
+        begin, end = at[row, 0], at[row, 1]
+        angle = 0.0
+        for sign, place in ((-1.0, begin), (1.0, end)):
+            place = min(max(place - late, 0.0), last)
+            i = int(place)
+            share = place - i
+            angle += sign * (turned[i] + share * (speed[i] + 0.5 * share * (speed[i + 1] - speed[i])))
+        out[row] = angle / (end - begin)
