@@ -31,7 +31,7 @@ def executables():
     """
     words = runpy.run_path(str(ROOT / PACKAGE / "cli" / "words.py"))["COMMANDS"]
     for_ros = {"install", "develop"} & set(sys.argv)
-    return ["artibot = artibot_sim.cli:main"] + [f"{word} = artibot_sim.cli:executable" for word in words if for_ros]
+    return ["artibot = artibot_sim.cli:program"] + [f"{word} = artibot_sim.cli:executable" for word in words if for_ros]
 
 
 setup(

@@ -13,7 +13,7 @@ import importlib
 import importlib.util
 import sys
 import sysconfig
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +41,27 @@ EXIT_INTERRUPTED = 130
 
 WITHOUT_CLICK = {"sim": "run_sim", "planner": "run_planner"}
 """Word → function of `artibot_sim.nodes.plain` that does what it does without options."""
+
+
+def program() -> int:
+    """The program ``artibot``: `main`, and nothing of rclpy is left where the process ends."""
+    with _swept():
+        return main()
+
+
+@contextlib.contextmanager
+def _swept() -> Iterator[None]:
+    """Leave no node, executor or context to the process's end.
+
+    They refer to each other, and what a loop froze is never collected by itself: the middleware would take its
+    participant down while its threads still read there.
+    """
+    try:
+        yield
+    finally:
+        if "rclpy" in sys.modules:
+            gc.unfreeze()
+            gc.collect()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -74,7 +95,8 @@ def executable() -> int:
 
         return run_executable(word, args)
 
-    return _guard(run)
+    with _swept():
+        return _guard(run)
 
 
 def _is_plain(word: str, args: Sequence[str]) -> bool:
@@ -107,12 +129,6 @@ def _guard(run: Callable[[], Any]) -> int:
         raise
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
-    finally:
-        if "rclpy" in sys.modules:
-            # nodes, executors and contexts refer to each other, and what a loop froze is never collected by itself:
-            # left to the process's end the middleware takes its participant down while its threads still read there
-            gc.unfreeze()
-            gc.collect()
     return status if isinstance(status, int) else 0
 
 

@@ -2,6 +2,6 @@
 
 import sys
 
-from artibot_sim.cli import main
+from artibot_sim.cli import program
 
-sys.exit(main())
+sys.exit(program())

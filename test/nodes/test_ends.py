@@ -18,9 +18,9 @@ import gc
 import sys
 import threading
 from pathlib import Path
-from artibot_sim.cli import main
+from artibot_sim.cli import program
 
-status = main(sys.argv[1:])
+status = program()
 gc.unfreeze()  # what a loop froze is not listed
 held = {f"{type(one).__module__}.{type(one).__name__}" for one in gc.get_objects()}
 print("held:", *(name for name in held if name.startswith("rclpy.")))
@@ -44,7 +44,7 @@ import importlib.machinery
 import os
 import signal
 import sys
-from artibot_sim.cli import main
+from artibot_sim.cli import program
 
 create = importlib.machinery.ExtensionFileLoader.create_module
 
@@ -54,7 +54,7 @@ def asked(loader, spec):
     return create(loader, spec)
 
 importlib.machinery.ExtensionFileLoader.create_module = asked
-sys.exit(main(sys.argv[1:]))
+sys.exit(program())
 """
 """Does what `artibot` does, and gets a signal while rclpy's extension is being imported."""
 

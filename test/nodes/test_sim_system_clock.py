@@ -16,8 +16,9 @@ from pathlib import Path
 
 read, offset = time.time_ns, Path(sys.argv[1])
 time.time_ns = lambda: read() + int(offset.read_text())
-from artibot_sim.cli import main
-sys.exit(main(["sim"]))
+from artibot_sim.cli import program
+sys.argv[1:] = ["sim"]
+sys.exit(program())
 """
 """A simulator whose system clock is off by what stands in a file, ns."""
 
