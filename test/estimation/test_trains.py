@@ -174,10 +174,13 @@ def test_robots_that_differ_in_a_force_are_prepared_once() -> None:
 
 
 def test_motors_that_their_gears_hold_stand_side_by_side_too() -> None:
-    """On slopes, held by the front motors, from several motions that soon end: reversals and rest of motors behind."""
+    """On slopes, held by the front motors, from several motions that soon end: reversals and rest of motors behind.
+
+    With effects of `SEVERAL`, whose version of the loops is compiled anyway.
+    """
     robot, rng = load_robot("train3"), np.random.default_rng(5)
     robots = [
-        replace(robot, effects={"slope": {"grade": grade, "heading": heading}, "stiction": {"length": 0.005}})
+        replace(robot, effects={**SEVERAL[1], "slope": {"grade": grade, "heading": heading}})
         for grade, heading in ((0.1, 0.0), (0.3, 2.8), (0.2, 1.0))
     ]
     motors, count = len(robot.motors), 11

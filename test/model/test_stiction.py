@@ -116,7 +116,7 @@ def coming_to_rest(robot, rng):
 
 @pytest.mark.parametrize("integrator", ["rk4", "semi_implicit"])
 def test_motors_that_their_gears_hold_stand_in_plain_steps_and_side_by_side_too(agriq, integrator):
-    rng, duration = np.random.default_rng(2), 0.3
+    rng, duration = np.random.default_rng(2), 0.1
     slopes = [(0.1, 0.0), (0.3, 2.8), (0.5, 1.0), (0.4, -2.0), (0.2, math.pi)]
     robots = [on_slope(agriq, *slope, stiction={"length": 0.005}) for slope in slopes]
     starts, between = [coming_to_rest(robot, rng) for robot in robots], 0

@@ -12,6 +12,7 @@ from model.planar_chain import chain_rollout
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, State, initial_state, load_robot, rollout
+from artibot_sim.model.effects import has_laws
 from artibot_sim.model.equations.transmission import torque_factors
 from artibot_sim.model.kernels.layout import Grid
 from artibot_sim.model.kernels.train_layout import places
@@ -102,7 +103,10 @@ def test_right_hand_side_is_that_of_the_plain_equations(robot, effects):
         velocity = 50.0 * rng.normal(size=(2, motors))
         given = 0.3 * rng.normal(size=(2, motors))
         commands = Commands(0.01, velocity, position=rng.normal(size=(2, motors)), torque=given)
-        result = rollout(robot, commands, dt=1e-4, modes=modes, state=state, duration=0.0, every=1)
+        # laws with energies, for which their loop is compiled anyway
+        result = rollout(
+            robot, commands, dt=1e-4, modes=modes, state=state, duration=0.0, every=1, energy=has_laws(effects)
+        )
         sides, drive = trains.by_side(robot, modes), np.zeros((3, 2 * len(robot.modules)))
         torque = np.zeros(2 * len(robot.modules))
         h, places_ = 0.01, trains.sides(robot)
