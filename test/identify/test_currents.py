@@ -10,6 +10,7 @@ import pytest
 from bag_helpers import JOINTS, joint_state, write_bag
 from numpy.typing import NDArray
 
+from artibot_sim.estimation.search import Effort
 from artibot_sim.experiment import Experiment, read_bag
 from artibot_sim.experiment.columns import Channel
 from artibot_sim.identify.currents import (
@@ -133,7 +134,8 @@ def test_recordings_without_currents_stay_as_they_are(husky: Robot, run: Experim
 def test_an_identification_with_currents_says_what_they_are_and_what_they_cannot_tell(
     husky: Robot, run: Experiment
 ) -> None:
-    found = identify([measured(run, "unsigned", noise=0.2)], husky, window=2.0, workers=1).result
+    few = Effort(starts=1, finalists=1)
+    found = identify([measured(run, "unsigned", noise=0.2)], husky, effort=few, window=2.0, workers=1).result
     assert any("follow the motors' torques without their sign" in remark for remark in found.remarks)
     assert "torque_scale" not in found.robot.effects, "that is of these recordings"
     known = {one.name: one for one in found.estimates}
