@@ -310,10 +310,6 @@ class Problem:
         items = self._items(robots, np.ascontiguousarray(robot).ravel(), window, guesses, window)
         return self._batch_for(robots).run_flat(robots, items).reshape(len(robot), -1)
 
-    def suits(self, robots: Sequence[Robot]) -> bool:
-        """Whether all `robots` take the step of these windows; what is compared with others takes a shorter one."""
-        return self._batch.suits(robots)
-
     def _batch_for(self, robots: Sequence[Robot]) -> WindowBatch:
         """The batch in steps that all `robots` take, in as many threads as are free here.
 

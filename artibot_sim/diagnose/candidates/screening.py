@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -15,7 +15,6 @@ from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem, Sensitivity, clip, moved_along
 from artibot_sim.estimation.search import coarse_to_fine_scan, converge, free_parameters
 from artibot_sim.estimation.solver import Point, assess, evaluate, reduce, step
-from artibot_sim.model import Robot
 
 Array = NDArray[np.float64]
 Follow = Callable[[Array], Array]
@@ -163,37 +162,9 @@ def screen(base: Around, found: Sequence[Hypothesis], tick: Callable[[], None] =
     return side_by_side(partial(_screened, base), found, base.problem.workers, tick)
 
 
-def expected(base: Around, hypotheses: Sequence[Hypothesis]) -> list[tuple[float, Array]]:
-    """Nats that each hypothesis would gain if all were as linear as around the baseline, and its coordinates there.
-
-    The coordinates are 0 where sensitivities say nothing of them. What takes the baseline's step is simulated at once,
-    which fills the lanes of the compiled loops: with the few windows of one hypothesis most would idle. The others are
-    simulated one by one, for in steps of another length all would be.
-    """
-    probes = [_probe(base, one) for one in hypotheses]
-    alike = [base.problem.suits(one.robots) for one in probes]
-    flat = iter(_simulated(base.problem, [one for one, same in zip(probes, alike, strict=True) if same]))
-    found = []
-    for hypothesis, probe, same in zip(hypotheses, probes, alike, strict=True):
-        score = _score_of(base, hypothesis, probe, next(flat) if same else next(_simulated(base.problem, [probe])))
-        own = np.zeros(len(hypothesis.extension)) if score.estimate is None else score.estimate
-        found.append((score.expected_gain, own))
-    return found
-
-
-def expected_point(base: Around, hypothesis: Hypothesis) -> Point:
-    """Where sensitivities put a hypothesis, with the baseline's soil or the one that goes with it."""
-    problem = with_effect(base.problem, hypothesis.extension)
-    score, own = _score(base, hypothesis), np.zeros(len(hypothesis.extension))
-    if score.estimate is not None:
-        own = hypothesis.extension.nearest(np.clip(score.estimate, -_REACH, _REACH))
-    guesses = _guesses(base, problem, hypothesis, own, score.follow)
-    return min(evaluate(problem, base.loss, guesses, _starts(base, problem, guesses)), key=lambda point: point.cost)
-
-
 def _screened(base: Around, hypothesis: Hypothesis) -> Trial:
     problem = with_effect(base.problem, hypothesis.extension)
-    score = _score(base, hypothesis)
+    score = _score(base, problem, hypothesis)
     extension = hypothesis.extension
     tests = [extension.nearest(probe) for probe in hypothesis.probes or _TEST * np.eye(len(extension))]
     probes = list(tests)
@@ -284,53 +255,16 @@ def _guesses(
     return [*guesses, parameters.inside(parameters.coordinates(soil, first[len(parameters.parameters) :]))]
 
 
-def _score(base: Around, hypothesis: Hypothesis) -> _Score:
+def _score(base: Around, problem: Problem, hypothesis: Hypothesis) -> _Score:
     """What the baseline's and the effect's sensitivities make of each other."""
-    if hypothesis.extension.search.reference:
-        return _Score(None, np.full(len(hypothesis.extension), np.inf), 0.0, None)
-    probe = _probe(base, hypothesis)
-    return _score_of(base, hypothesis, probe, next(_simulated(base.problem, [probe])))
-
-
-@dataclass(frozen=True)
-class _Probe:
-    """A baseline with each of an effect's k coordinates a little from neutral: robots, and starts as its sensors see.
-
-    `problem` is the baseline's with the effect, `starts` (k, windows, 8 or 6).
-    """
-
-    problem: Problem
-    robots: list[Robot]
-    starts: Array
-
-
-def _probe(base: Around, hypothesis: Hypothesis) -> _Probe:
-    problem = with_effect(base.problem, hypothesis.extension)
-    steps = _origin(hypothesis) + _SCORE_STEP * np.eye(len(hypothesis.extension))
-    guesses = [np.concatenate([base.point.coordinates, own]) for own in steps]
-    return _Probe(problem, [problem.parameters.candidate(one) for one in guesses], _starts(base, problem, guesses))
-
-
-def _origin(hypothesis: Hypothesis) -> Array:
-    """An effect's coordinates at neutral."""
-    return np.maximum(np.zeros(len(hypothesis.extension)), hypothesis.extension.bounds[0])
-
-
-def _simulated(problem: Problem, probes: Sequence[_Probe]) -> Iterator[Array]:
-    """Residuals (k, n) of each probe, all of them simulated at once."""
-    robots = [robot for one in probes for robot in one.robots]
-    if not robots:
-        return
-    which = np.repeat(np.arange(len(robots)), len(problem)).reshape(len(robots), -1)
-    flat = problem.compare(problem.predictions(robots, which, np.concatenate([one.starts for one in probes])))
-    yield from np.split(flat, np.cumsum([len(one.robots) for one in probes])[:-1])
-
-
-def _score_of(base: Around, hypothesis: Hypothesis, probe: _Probe, turned_on: Array) -> _Score:
-    """The score by the residuals (k, n) of a probe."""
-    extension, problem, starts = hypothesis.extension, probe.problem, probe.starts
-    origin, p = _origin(hypothesis), len(base.free)
-    own = (turned_on - base.point.residuals.flat) / _SCORE_STEP
+    extension = hypothesis.extension
+    origin = np.maximum(np.zeros(len(extension)), extension.bounds[0])
+    if extension.search.reference:
+        return _Score(None, np.full(len(extension), np.inf), 0.0, None)
+    p = len(base.free)
+    guesses = [np.concatenate([base.point.coordinates, origin + _SCORE_STEP * e]) for e in np.eye(len(extension))]
+    starts = _starts(base, problem, guesses)
+    own = (problem.flat_residuals(guesses, starts) - base.point.residuals.flat) / _SCORE_STEP
     clip(problem.samples, own)
     moved_along(problem.samples, own, base.sensitivity.starts, (starts - base.point.starts) / _SCORE_STEP)
     combined = Sensitivity(np.concatenate([base.sensitivity.parameters, own]), base.sensitivity.starts)

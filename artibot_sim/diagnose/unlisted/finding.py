@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.diagnose.candidates.screening import Around
 from artibot_sim.diagnose.policy import FORCE_NATS, TIE, TIE_SHARE
 from artibot_sim.diagnose.records import Unexplained
 from artibot_sim.diagnose.unlisted.forms import WANDERING, Form, forms, unit
-from artibot_sim.diagnose.unlisted.response import WINDOWS, answers, short
+from artibot_sim.diagnose.unlisted.response import WINDOWS, answers, instants, short, whole_answers
 from artibot_sim.diagnose.unlisted.ridges import ridges
 from artibot_sim.diagnose.unlisted.search import (
     Equations,
@@ -20,6 +21,7 @@ from artibot_sim.diagnose.unlisted.search import (
     basis,
     candidates,
     families,
+    judged,
     scattered,
     solve,
 )
@@ -212,7 +214,7 @@ def search_forces(problem: Problem, coordinates: Array, windows: int = WINDOWS) 
 def shortlisted(
     problem: Problem, coordinates: Array, found: Sequence[ForceCandidate], of: Scene, few: Problem
 ) -> tuple[Shortlisted, ...]:
-    """Forces that a regression of short windows `few` found at `coordinates` (p,), for the model to choose from."""
+    """Forces that a regression of the windows `few` found at `coordinates` (p,), for the model to choose from."""
     return tuple(_shortlisted(problem, coordinates, one, of, few) for one in found)
 
 
@@ -244,6 +246,39 @@ def regression(few: Problem, coordinates: Array) -> tuple[Equations, Scene]:
     for force, form in _law_of_contact(of):
         equations = equations.with_columns(_columns(equations, of, families(of)[force], form))
     return equations, of
+
+
+def promised(base: Around) -> tuple[list[ForceCandidate], Scene]:
+    """What sensitivities of whole windows promise of forces around a fit, the one that gains most first.
+
+    Forces on one side of a line are not among them, nor waves in time that fits of others reach.
+    """
+    (equations, of), found = whole_regression(base), list[ForceCandidate]()
+    for force, parts in families(of).items():
+        check_time()
+        usual = judged(equations, of, force, parts, lambda form: form.edge is None and not form.between)
+        found += [one for one, _ in usual]
+        repeated = _repeated(equations, of, force, parts)
+        found += [repeated] if repeated else []
+    changes = np.zeros((len(found), len(base.point.coordinates)))
+    changes[:, list(base.free)] = [one.change for one in found]
+    whole = [replace(one, change=change) for one, change in zip(found, changes, strict=True)]
+    return different_ones(sorted(whole, key=lambda one: -one.net_gain)), of
+
+
+def _repeated(equations: Equations, of: Scene, force: str, parts: Sequence[str]) -> ForceCandidate | None:
+    """The best of a family of forces that repeats over the ground, where all recordings share a map."""
+    in_map = any(PLACE in one.follows for one in of.values())
+    return ridges(equations, of, force, parts) if in_map and force in _ON_GROUND else None
+
+
+def whole_regression(base: Around) -> tuple[Equations, Scene]:
+    """What recordings in whole windows say of small forces around a fit, and what forces may follow there."""
+    problem, point, index = base.problem, base.point, list(base.free)
+    at, prior = instants(problem), problem.parameters.prior_information
+    slope = (prior @ point.coordinates)[index]
+    equations = Equations.of(whole_answers(base, at), problem.recordings[1], prior[np.ix_(index, index)], slope)
+    return equations, scene(problem, point.coordinates, at, point.starts)
 
 
 def acting(equations: Equations, of: Scene, candidate: ForceCandidate) -> Array:
@@ -280,13 +315,11 @@ def weighed(equations: Equations, of: Scene) -> list[ForceCandidate]:
     wanders in time last, for any of the others may look so.
     """
     found: list[ForceCandidate] = []
-    in_map = any(PLACE in one.follows for one in of.values())
     for force, parts in families(of).items():
         check_time()
         found += candidates(equations, of, force, parts)
-        if in_map and force in _ON_GROUND:
-            repeated = ridges(equations, of, force, parts)
-            found += [repeated] if repeated else []
+        repeated = _repeated(equations, of, force, parts)
+        found += [repeated] if repeated else []
     level = max(one.worth for one in found)
     level -= max(TIE, TIE_SHARE * level)
 

@@ -6,7 +6,6 @@ whole windows, as every listed effect is, and stays only if it lowers the same l
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -17,21 +16,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect, without_effect
-from artibot_sim.diagnose.candidates.screening import around, expected, expected_point
+from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
+from artibot_sim.diagnose.candidates.screening import around
 from artibot_sim.diagnose.policy import FORCE_NATS, TIE
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.unlisted.along_law import residual_forces
 from artibot_sim.diagnose.unlisted.finding import (
     ForceFinding,
     Shortlisted,
-    different_ones,
-    regression,
+    promised,
     shortlisted,
     unexplained,
-    weighed,
 )
-from artibot_sim.diagnose.unlisted.response import short
 from artibot_sim.diagnose.unlisted.search import ForceCandidate
 from artibot_sim.diagnose.words import NOTHING
 from artibot_sim.estimation.loss import Loss
@@ -56,8 +52,6 @@ _BEGUN, _PROMISED = 14, 10
 """So many of them as the regression has them, and so many as sensitivities do."""
 _ALIKE, _WAVES = 4, 2
 """So many forms of a force that follows the same, and so many waves among them."""
-_AT_ONCE = 64
-"""Laws whose sensitivities are simulated at once."""
 _STAGES = ((1, 24), (1, 12), (3, 6), (6, 2))
 """Steps of the fits by which a law is chosen, and of how many of them: the best ones so far."""
 _WINDOWS = 16
@@ -244,7 +238,7 @@ def _best_law(
     for _ in range(_SEARCHES if name == LAWS[0] else 1):
         left = [
             *_by_regression(part, loss, name, shortlist, point),
-            *_by_sensitivities(problem, part, loss, name, point),
+            *_by_sensitivities(part, loss, name, point),
         ]
         for steps, most in _STAGES:
             left = sorted(left, key=lambda law: law.point.cost)[:most]
@@ -264,38 +258,26 @@ def _best_law(
 def _by_regression(part: Problem, loss: Loss, name: str, shortlist: Sequence[Shortlisted], point: Point) -> list[_Law]:
     """Those forces of a regression that are best as it has them: as large, on the soil that goes with each."""
     begun = [law for one in shortlist if (law := _begun(part, loss, name, one, point.starts)) is not None]
-    return _a_few_of_each(sorted(begun, key=lambda law: law.point.cost))[:_BEGUN]
+    begun.sort(key=lambda law: law.point.cost)
+    kept = {id(one) for one in _a_few_of_each([law.found.candidate for law in begun])[:_BEGUN]}
+    return [law for law in begun if id(law.found.candidate) in kept]
 
 
-def _by_sensitivities(problem: Problem, part: Problem, loss: Loss, name: str, point: Point) -> list[_Law]:
-    """Those forces, of all that there are, that sensitivities of whole windows promise most of, as these have them."""
-    few, modules = short(problem), len(problem.parameters.robot.modules)
-    if not len(few):
-        return []
-    equations, of = regression(few, point.coordinates)
-    usual = [one for one in different_ones(weighed(equations, of)) if one.form.edge is None and not one.form.between]
-    extensions = {id(one): law for one in usual if (law := _extension(name, one, modules)) is not None}
-    laws = [one for one in usual if id(one) in extensions]
-    half = part.part(range(0, len(part), 2))
-    base = around(half, loss, evaluate(half, loss, [point.coordinates], point.starts[::2])[0])
-    hypotheses = [Hypothesis(extensions[id(one)]) for one in laws]
-    batches = [hypotheses[begin : begin + _AT_ONCE] for begin in range(0, len(laws), _AT_ONCE)]
-    promised = itertools.chain(*side_by_side(lambda some: expected(base, some), batches, problem.workers))
-    order = sorted(zip(laws, promised, strict=True), key=lambda each: -each[1][0])[: 4 * _PROMISED]
-    whole, found = around(part, loss, point), list[_Law]()
-    seen = shortlisted(problem, point.coordinates, [one for one, _ in order], of, few)
-    for one, (candidate, (_, own)) in zip(seen, order, strict=True):
-        extension = _as_large(extensions[id(candidate)], own)
-        found.append(_Law(one, extension, with_effect(part, extension), point))
-    kept = _a_few_of_each(found)[:_PROMISED]
-    return [replace(law, point=expected_point(whole, Hypothesis(law.extension))) for law in kept]
+def _by_sensitivities(part: Problem, loss: Loss, name: str, point: Point) -> list[_Law]:
+    """Those forces, of all that there are, that sensitivities of whole windows promise most of, as these have them.
 
-
-def _as_large(extension: Extension, own: Array) -> Extension:
-    """A law whose size is 1 where it is now at `own`."""
-    search = extension.search
-    typical = search.sizes["size"] * (float(np.linalg.norm(own[: 2 if search.direction else 1])) or 1.0)
-    return replace(extension, own=replace(search, sizes={**search.sizes, "size": typical}))
+    On the soil that would go with each, or as it is: far from where they were taken sensitivities tell little of it.
+    """
+    base = around(part, loss, point)
+    found, of = promised(base)
+    few = _a_few_of_each([one for one in found if law_of(one, len(part.parameters.robot.modules)) is not None])
+    begun = list[_Law]()
+    for one in shortlisted(part, base.point.coordinates, few[:_PROMISED], of, part):
+        each = [
+            _begun(part, loss, name, replace(one, soil=soil), point.starts) for soil in (one.soil, point.coordinates)
+        ]
+        begun.append(min((law for law in each if law is not None), key=lambda law: law.point.cost))
+    return begun
 
 
 def _simplest(laws: Sequence[_Law]) -> _Law | None:
@@ -305,19 +287,19 @@ def _simplest(laws: Sequence[_Law]) -> _Law | None:
     return min(close, key=lambda law: (len(law.extension), law.point.cost), default=None)
 
 
-def _a_few_of_each(laws: Sequence[_Law]) -> list[_Law]:
+def _a_few_of_each(found: Sequence[ForceCandidate]) -> list[ForceCandidate]:
     """Of each force that follows the same so many forms at most, one of those that differ in a fitted scale alone.
 
     The order stays.
     """
-    count, kept = Counter[tuple[object, ...]](), list[_Law]()
-    for law in laws:
-        force, form = law.found.candidate.force, law.found.candidate.form
+    count, kept = Counter[tuple[object, ...]](), list[ForceCandidate]()
+    for one in found:
+        force, form = one.force, one.form
         across = None if form.edge is None else form.edge[0]
         kinds = (force, form.variable), (force, form.variable, form.law, form.times, form.times_law, across)
         most = _ALIKE, _WAVES if form.law == "periodic" else 1
         if all(count[kind] < limit for kind, limit in zip(kinds, most, strict=True)):
-            kept.append(law)
+            kept.append(one)
             count.update(kinds)
     return kept
 

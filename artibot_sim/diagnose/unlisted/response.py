@@ -4,20 +4,26 @@ Over seconds a rover's motion may take another branch of eq. 16 for every small 
 recordings are cut into windows of a few tenths of a second. In each, forces that grow linearly with time are fitted,
 simulated by the model: together with the torques these are all that a planar rover's motion can show. Around this
 common point, where what was measured is reproduced, everything that a force may follow is compared linearly.
+
+Around a fit whole windows answer linearly, too: to forces that are small (`whole_answers`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from artibot_sim.diagnose.candidates.screening import Around
 from artibot_sim.diagnose.sizes import scale_of
 from artibot_sim.estimation.kernels import Parts
 from artibot_sim.estimation.loss import Loss, spread
-from artibot_sim.estimation.problem import Problem, start_steps
+from artibot_sim.estimation.parallel import side_by_side
+from artibot_sim.estimation.problem import Problem, Sensitivity, clip, start_steps
+from artibot_sim.estimation.solver import eliminated
 from artibot_sim.estimation.windows import CHANNEL_NAMES, Window, window_at
 from artibot_sim.model import Robot
 from artibot_sim.model.effects.residual_force import forces_of
@@ -57,12 +63,12 @@ def moved_by(robot: Robot) -> int:
 
 @dataclass(frozen=True)
 class Answers:
-    """What forces, parameters and starts do to the residuals of every short window, starts eliminated.
+    """What forces, parameters and starts do to the residuals of every window, starts eliminated.
 
     Attributes
     ----------
     matrix : array, shape (windows, f + p, f + p)
-        Information about the f forces (component by component, KNOTS values each) and the parameters.
+        Information about the f forces (component by component, its values at all instants) and the parameters.
     rhs : array, shape (windows, f + p)
         Right-hand side: matrix · x = rhs where a window is explained best; forces are counted from zero, parameters
         from the fit.
@@ -132,6 +138,62 @@ def answers(problem: Problem, coordinates: Array) -> Answers:
         linear = _linearised(problem, coordinates, state, ())
         state = _moved(problem, state, linear)
     return _eliminated(problem, state, _linearised(problem, coordinates, state, range(len(coordinates))))
+
+
+def instants(problem: Problem) -> Array:
+    """Where forces in whole windows are given, evenly and at most `LENGTH` apart, shape (windows, k), s."""
+    share = np.linspace(0.0, 1.0, int(np.ceil(problem.durations.max() / LENGTH)) + 1)
+    return np.array([w.t for w in problem.windows])[:, None] + problem.durations[:, None] * share
+
+
+def whole_answers(base: Around, at: Array) -> Answers:
+    """Normal equations of whole windows for forces given at the instants `at` (windows, k), linear between them.
+
+    Forces and parameters are counted from the fit around which sensitivities are known; parameters are its free ones.
+    """
+    problem = base.problem
+    weight = base.loss.weights(problem.samples, base.point.residuals.flat)
+    each = side_by_side(partial(_whole_window, base, at, weight), range(len(problem)), problem.workers)
+    matrices, sides, misfits = (np.array(part) for part in zip(*each, strict=True))
+    return Answers(matrices, sides, misfits, at.shape[1] * len(components_of(problem.parameters.robot)))
+
+
+def _whole_window(base: Around, at: Array, weight: Array, w: int) -> tuple[Array, Array, float]:
+    """Of one window what `Answers` has of each, from pulses of every force at every instant, to either side."""
+    part, point, t = base.problem.part([w]), base.point, at[w]
+    robot = part.parameters.robot_at(point.coordinates)
+    mine = slice(base.problem.samples.begin[w], base.problem.samples.begin[w + 1])
+    pulses = [
+        pulse(robot, c, side, instant, t[1] - t[0]) for side in (1, -1) for c in range(moved_by(robot)) for instant in t
+    ]
+    starts, residuals = point.starts[w : w + 1], point.residuals.flat[mine]
+    every = np.repeat(starts[None], len(pulses), axis=0)
+    flat = part.compare(part.predictions(pulses, np.arange(len(pulses))[:, None], every))
+    more, less = (flat - residuals).reshape(2, -1, len(residuals)) / np.repeat(_probe(robot), len(t))[:, None]
+    forces = limited(more, -less)
+    clip(part.samples, forces)
+    rows = forces, _torques(robot, part.windows[0], t).T, base.sensitivity.parameters[:, mine]
+    sensitivity = Sensitivity(np.concatenate(rows), base.sensitivity.starts[:, mine])
+    reduced, squares = eliminated(part, weight[mine], part.parts(residuals), sensitivity, starts)
+    return reduced.matrices[0], -reduced.gradient[0], float(squares[0])
+
+
+def limited(one: Array, other: Array) -> Array:
+    """The smaller of differences to either side, 0 where their signs differ (the minmod limiter).
+
+    Where a wheel breaks away (eq. 16) for a pulse to one side and not for that to the other, neither says how forces
+    add up: laws are sums of many pulses, and would be sums of such jumps.
+    """
+    return np.where(one * other > 0.0, np.where(np.abs(one) < np.abs(other), one, other), 0.0)
+
+
+def pulse(robot: Robot, component: int, side: int, t: float, width: float) -> Robot:
+    """A robot with a force that is as large at `t` as differences take it, and falls to nothing within `width`, s.
+
+    `side` is its sign.
+    """
+    force = {forces_of(len(robot.modules))[component]: side * float(_probe(robot)[component])}
+    return unchecked(robot, dict(robot.effects) | {"residual_force": force | {"since": float(t), "width": width}})
 
 
 @dataclass(frozen=True)
@@ -275,10 +337,11 @@ def _eliminated(problem: Problem, state: _State, linear: _Linear) -> Answers:
 
 
 def _torques(robot: Robot, window: Window, t: Array) -> Array:
-    """Columns (n, m · KNOTS) of torques in the motors, which nothing but their own sensors notice."""
-    columns = np.zeros((len(window), len(robot.motors), KNOTS))
-    share = (window.t + window.plan.t - t[0]) / (t[1] - t[0])
+    """Columns (n, m · k) of torques in the motors at times (k,), which nothing but their own sensors notice."""
+    columns = np.zeros((len(window), len(robot.motors), len(t)))
+    at = window.t + window.plan.t
     for m, motor in enumerate(robot.motors):
         mine = window.plan.kind == kind_of(f"torque_{motor}")
-        columns[mine, m] = np.column_stack([1.0 - share, share])[mine] / window.sigma[mine, None]
+        hats = np.column_stack([np.interp(at[mine], t, one) for one in np.eye(len(t))])
+        columns[mine, m] = hats / window.sigma[mine, None]
     return columns.reshape(len(window), -1)

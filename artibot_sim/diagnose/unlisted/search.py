@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -56,6 +56,13 @@ class Equations:
     information: Array
     slope: Array
     beside: Array
+
+    @classmethod
+    def of(cls, found: Answers, recording: NDArray[np.int64], information: Array, slope: Array) -> Equations:
+        """Of answers with the parameters alone fitted beside."""
+        n, p = found.forces, len(slope)
+        beside = np.broadcast_to(np.vstack([np.zeros((n, p)), np.eye(p)]), (len(found.rhs), n + p, p))
+        return cls(found.matrix, found.rhs, found.misfit, recording, information, slope, beside)
 
     @property
     def forces(self) -> int:
@@ -261,12 +268,12 @@ class InForce:
 
 def components(acting: Sequence[ActingForce]) -> Array:
     """From values of forces at the knots to the components' values, shape (windows, f, parts · k)."""
-    windows = acting[0].make.shape[1]
-    T = np.zeros((windows, len(acting[0].make), KNOTS, len(acting), KNOTS))
+    components, windows, knots = acting[0].make.shape
+    T = np.zeros((windows, components, knots, len(acting), knots))
     for j, part in enumerate(acting):
-        for k in range(KNOTS):
+        for k in range(knots):
             T[:, :, k, j, k] = part.make[:, :, k].T
-    return T.reshape(windows, -1, len(acting) * KNOTS)
+    return T.reshape(windows, -1, len(acting) * knots)
 
 
 def basis(acting: Sequence[ActingForce], form: Form, recording: NDArray[np.int64]) -> Array:
@@ -338,17 +345,25 @@ def _explained(matrix: Array, rhs: Array, x: Array) -> Array:
 
 
 def candidates(equations: Equations, of: Scene, force: str, parts: Sequence[str]) -> list[ForceCandidate]:
-    """Every variable and form for one family of forces."""
+    """Every variable and form for one family of forces, with what is proven of it."""
+    return [
+        replace(candidate, proven=proven(equations, sums, candidate.form.across))
+        for candidate, sums in judged(equations, of, force, parts)
+    ]
+
+
+def judged(
+    equations: Equations, of: Scene, force: str, parts: Sequence[str], which: Callable[[Form], bool] = lambda form: True
+) -> Iterator[tuple[ForceCandidate, NormalEquations]]:
+    """Every variable and form for one family of forces, or those of `which`, with their normal equations."""
     inside = InForce(equations, of, parts)
     names = [name for name in of[parts[0]].follows if all(name in of[part].follows for part in parts)]
     if len(parts) == 1:
         names = [name for name in names if name != "own angle"]  # it has another name there
-    found = []
     for form in _forms(inside.acting, names, int(equations.recording.max()) + 1):
-        sums = inside.sums(inside.basis(form))
-        candidate = judge(equations, sums, form, force, parts)
-        found.append(replace(candidate, proven=proven(equations, sums, form.across)))
-    return found
+        if which(form):
+            sums = inside.sums(inside.basis(form))
+            yield judge(equations, sums, form, force, parts), sums
 
 
 def _forms(acting: Sequence[ActingForce], names: Sequence[str], recordings: int) -> Iterator[Form]:
@@ -389,7 +404,7 @@ def scattered(
     found: Answers, recording: NDArray[np.int64], information: Array, slope: Array, robot: Robot
 ) -> Equations:
     """The normal equations of what forces follow, once each window's own scatter is eliminated."""
-    n, p = found.forces, len(slope)
+    n = found.forces
     scatter = [SCATTER[of_pair(name)[0]] for name in forces_of(len(robot.modules))]
     torques = np.full(len(robot.motors), SCATTER_TORQUE * scale_of(robot).motor)
     sizes = np.concatenate([scatter * force_scale(robot), torques])
@@ -399,5 +414,4 @@ def scattered(
     misfit = (found.misfit - np.einsum("wi,wi->w", found.rhs[:, :n], solved[:, :, -1])) / ALIKE
     matrix = (found.matrix - towards @ solved[:, :, :-1]) / ALIKE
     rhs = (found.rhs - np.einsum("wij,wj->wi", towards, solved[:, :, -1])) / ALIKE
-    beside = np.broadcast_to(np.vstack([np.zeros((n, p)), np.eye(p)]), (len(matrix), n + p, p))
-    return Equations(matrix, rhs, misfit, recording, information, slope, beside)
+    return Equations.of(Answers(matrix, rhs, misfit, n), recording, information, slope)

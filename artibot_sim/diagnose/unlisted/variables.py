@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.unlisted.response import KNOTS, components_of, ends, moved_by
+from artibot_sim.diagnose.unlisted.response import components_of, ends, moved_by
 from artibot_sim.estimation.checks.common_map import experiments_of, in_common_map
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.model import Robot
@@ -59,15 +59,25 @@ Scene = dict[str, ActingForce]
 """Forces by name."""
 
 
-def scene(problem: Problem, coordinates: Array) -> Scene:
-    """Every force at every window's instants, as the fitted model moves."""
+def scene(problem: Problem, coordinates: Array, at: Array | None = None, starts: Array | None = None) -> Scene:
+    """Every force at every window's instants, as the fitted model moves.
+
+    Parameters
+    ----------
+    problem : Problem
+    coordinates : array, shape (p,)
+    at : array, shape (windows, k), optional
+        The instants, s since the recording's start; where the windows' compared parts begin and end by default.
+    starts : array, shape (windows, 8 or 6), optional
+        The windows'; as measured by default.
+    """
     robot = problem.parameters.robot_at(coordinates)
-    at = ends(problem)
+    at, starts = ends(problem) if at is None else at, problem.starts if starts is None else starts
     joints, torques = _joints(robot), [f"torque_{motor}" for motor in robot.motors]
     names = (*_SAMPLED, *(name for joint in joints for name in joint), *torques)
-    each = np.repeat([kind_of(name) for name in names], KNOTS)
+    each = np.repeat([kind_of(name) for name in names], at.shape[1])
     plans = [SamplingPlan(np.tile(t - w.t, len(names)), each) for w, t in zip(problem.windows, at, strict=True)]
-    seen = np.array(problem.sampled(coordinates, problem.starts, plans)).reshape(len(at), len(names), KNOTS)
+    seen = np.array(problem.sampled(coordinates, starts, plans)).reshape(len(at), len(names), at.shape[1])
     motion = dict(zip(names, np.nan_to_num(seen).transpose(1, 0, 2), strict=True))
     for m, motor in enumerate(robot.motors):
         for name, quantity in (("angle", "position"), ("rate", "velocity")):

@@ -22,13 +22,14 @@ def load(fx, module):
     """Force along and across a module's own frame (N) and yaw moment (N m)."""
     probe = fx.residual_force
     since = fx.t - probe.since
+    share = max(1.0 - abs(since) / probe.width, 0.0)
     if module == 0:
         return (
-            probe.front_surge + since * probe.front_surge_rate,
-            probe.front_sway + since * probe.front_sway_rate,
-            probe.front_turn + since * probe.front_turn_rate,
+            share * (probe.front_surge + since * probe.front_surge_rate),
+            share * (probe.front_sway + since * probe.front_sway_rate),
+            share * (probe.front_turn + since * probe.front_turn_rate),
         )
-    return 0.0, 0.0, probe.back_turn + since * probe.back_turn_rate
+    return 0.0, 0.0, share * (probe.back_turn + since * probe.back_turn_rate)
 
 
 def _unit(name: str) -> str:
@@ -38,10 +39,13 @@ def _unit(name: str) -> str:
 EFFECT = Effect(
     id="residual_force",
     acts="environment",
-    doc="Forces on the modules that grow linearly with time.",
+    doc="Forces on the modules that grow linearly with time, or a pulse of them.",
     parameters={name: number(_unit(name), -math.inf, math.inf, "at the time `since`") for name in FORCES}
     | {f"{name}_rate": number(f"{_unit(name)}/s", -math.inf, math.inf, "its growth") for name in FORCES}
-    | {"since": number("s", -math.inf, math.inf, "since the recording's start")},
+    | {
+        "since": number("s", -math.inf, math.inf, "since the recording's start"),
+        "width": number("s", 0.0, math.inf, "before and after `since`: there a pulse is 0", math.inf, low_open=True),
+    },
     sizes=2 * len(FORCES),
     hooks={"load": load},
 )

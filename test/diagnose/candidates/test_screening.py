@@ -10,9 +10,8 @@ from diagnose.turns import EVEN, TURNS
 
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, hypotheses
 from artibot_sim.diagnose.candidates.patches import discs
-from artibot_sim.diagnose.candidates.screening import Around, around, converged_baseline, expected, screen
+from artibot_sim.diagnose.candidates.screening import Around, around, converged_baseline, screen
 from artibot_sim.diagnose.sizes import sized
-from artibot_sim.diagnose.unlisted.fitting import extension_of
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import converge
 from artibot_sim.estimation.solver import evaluate
@@ -149,21 +148,3 @@ def test_what_nothing_measures_is_not_tried_and_steps_of_the_baseline_are_nobody
     assert gained(around(problem, EVEN, off)) > 12.0
     base, control = converged_baseline(problem, EVEN, off, 2)
     assert gained(base) < 12.0 and gained(base) <= 0.5 * (base.point.cost - control.cost) + 1e-6
-
-
-def test_what_effects_promise_does_not_depend_on_which_are_asked_beside_them() -> None:
-    """Not even beside a law so stiff that it needs a shorter step."""
-    seen = base({"joint_friction": {"torque": 8.0}})
-    drag = {"where": "front_yaw", "variable": "yaw_rate", "form": "coulomb", "scale": 0.02}
-    assert not seen.problem.suits([replace(ROBOT, effects={"force_law": {**drag, "size": 12.0}})])
-    few = [
-        *(one for one in hypotheses(ROBOT, seen.problem.stretches) if one.id in RIVALS),
-        Hypothesis(extension_of("force_law", drag, np.full(1, 5.0))),
-        Hypothesis(extension_of("force_law", drag, np.full(1, 240.0))),
-    ]
-    alone = [expected(seen, [one])[0] for one in few]
-    for (gain, own), (same, there) in zip(alone, expected(seen, few), strict=True):
-        assert same == pytest.approx(gain, rel=1e-9)
-        np.testing.assert_allclose(there, own, rtol=1e-9)
-    best = max(range(len(few)), key=lambda number: alone[number][0])
-    assert few[best].id == "joint_friction"
