@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
-from artibot_sim.diagnose.candidates.screening import around
+from artibot_sim.diagnose.candidates.screening import Around, around
 from artibot_sim.diagnose.policy import FORCE_NATS, TIE
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.unlisted.along_law import residual_forces
@@ -33,9 +33,9 @@ from artibot_sim.diagnose.words import NOTHING
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import check_time, side_by_side
 from artibot_sim.estimation.parameters import Extension
-from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.problem import Problem, Sensitivity, clip
 from artibot_sim.estimation.search import Fit, converge, restarted_windows
-from artibot_sim.estimation.solver import Point, evaluate
+from artibot_sim.estimation.solver import Point, evaluate, step
 from artibot_sim.model.effects import LAWS
 from artibot_sim.model.effects.base import Search
 from artibot_sim.model.effects.force_law import PARAMETERS, PLACES, VARIABLES, place_words, variable_words
@@ -52,7 +52,9 @@ _BEGUN, _PROMISED = 14, 10
 """So many of them as the regression has them, and so many as sensitivities do."""
 _ALIKE, _WAVES = 4, 2
 """So many forms of a force that follows the same, and so many waves among them."""
-_STAGES = ((1, 24), (1, 12), (3, 6), (6, 2))
+_ADAPTED = (24, 12)
+"""How many laws take a step by sensitivities that are known, and how many of them, the best ones so far, another."""
+_STAGES = ((3, 6), (6, 2))
 """Steps of the fits by which a law is chosen, and of how many of them: the best ones so far."""
 _WINDOWS = 16
 """Windows by which laws are chosen, at most."""
@@ -236,10 +238,11 @@ def _best_law(
     part, best, shortlist = problem.part(rows.tolist()), None, found.shortlist
     point = evaluate(part, loss, [begin.coordinates], begin.starts[rows])[0]
     for _ in range(_SEARCHES if name == LAWS[0] else 1):
-        left = [
-            *_by_regression(part, loss, name, shortlist, point),
-            *_by_sensitivities(part, loss, name, point),
-        ]
+        base = around(part, loss, point)
+        left = [*_by_regression(part, loss, name, shortlist, point), *_by_sensitivities(base, name)]
+        for most in _ADAPTED:
+            left = sorted(left, key=lambda law: law.point.cost)[:most]
+            left = side_by_side(partial(_adapted, base), left, problem.workers, tick)
         for steps, most in _STAGES:
             left = sorted(left, key=lambda law: law.point.cost)[:most]
             left = side_by_side(partial(_further, loss, steps), left, problem.workers, tick)
@@ -263,20 +266,19 @@ def _by_regression(part: Problem, loss: Loss, name: str, shortlist: Sequence[Sho
     return [law for law in begun if id(law.found.candidate) in kept]
 
 
-def _by_sensitivities(part: Problem, loss: Loss, name: str, point: Point) -> list[_Law]:
+def _by_sensitivities(base: Around, name: str) -> list[_Law]:
     """Those forces, of all that there are, that sensitivities of whole windows promise most of, as these have them.
 
     On the soil that would go with each, or as it is: far from where they were taken sensitivities tell little of it.
     """
-    base = around(part, loss, point)
+    part, point = base.problem, base.point
     found, of = promised(base)
-    few = _a_few_of_each([one for one in found if law_of(one, len(part.parameters.robot.modules)) is not None])
+    terms = [one for one in found if law_of(one, len(part.parameters.robot.modules)) is not None]
     begun = list[_Law]()
-    for one in shortlisted(part, base.point.coordinates, few[:_PROMISED], of, part):
-        each = [
-            _begun(part, loss, name, replace(one, soil=soil), point.starts) for soil in (one.soil, point.coordinates)
-        ]
-        begun.append(min((law for law in each if law is not None), key=lambda law: law.point.cost))
+    for one in shortlisted(part, point.coordinates, _a_few_of_each(terms)[:_PROMISED], of, part):
+        soils = replace(one, soil=point.coordinates), one
+        each = [law for at in soils if (law := _begun(part, base.loss, name, at, point.starts)) is not None]
+        begun.append(min(each, key=lambda law: law.point.cost))
     return begun
 
 
@@ -320,6 +322,21 @@ def _begun(part: Problem, loss: Loss, name: str, found: Shortlisted, starts: Arr
     law, size = law_of(found.candidate, modules) or ({}, np.empty(0))
     larger, own = with_effect(part, extension), extension.coordinates(law | as_found(size))
     return _Law(found, extension, larger, evaluate(larger, loss, [np.concatenate([found.soil, own])], starts)[0])
+
+
+def _adapted(base: Around, law: _Law) -> _Law:
+    """A law one step further: soil and starts by their sensitivities around the fit without it, known for all laws."""
+    check_time()
+    problem, point = law.problem, law.point
+    index = range(len(base.point.coordinates), len(problem.parameters))
+    moves = problem.parameters.steps(point.coordinates)[list(index)]
+    moved = [
+        point.coordinates + move * one for move, one in zip(moves, np.eye(len(point.coordinates))[index], strict=True)
+    ]
+    own = (problem.flat_residuals(moved, point.starts) - point.residuals.flat) / moves[:, None]
+    clip(problem.samples, own)
+    known = Sensitivity(np.concatenate([base.sensitivity.parameters, own]), base.sensitivity.starts)
+    return replace(law, point=step(problem, base.loss, point, (*base.free, *index), known=known)[0])
 
 
 def _further(loss: Loss, steps: int, law: _Law) -> _Law:
