@@ -6,6 +6,7 @@ What is named first may have stood for two others at once, or for a soil that a 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 from artibot_sim.diagnose.candidates.hypotheses import without_effect
 from artibot_sim.diagnose.selection.joint_fits import Rounds, settled
@@ -41,20 +42,36 @@ def superfluous(
 ) -> Removal | None:
     """The model without the effect that it needs least, if that is worth less than `least` nats; None if all are.
 
-    Of the last one this is not asked: it was found beside all the others.
+    Which one that is fits from the present soil tell; beside a soil searched anew only that one is asked for. Of the
+    last effect nothing is asked: it was found beside all the others.
     """
     earlier = range(len(problem.parameters.extensions) - 1)
-    removals = side_by_side(lambda which: removal_of(problem, fit, loss, which, rounds), earlier, problem.workers, tick)
-    found = min(removals, key=lambda one: one.nats, default=None)
-    return found if found is not None and found.nats < least else None
+    without = partial(_from_present_soil, problem, fit, loss, rounds=rounds)
+    removals = side_by_side(without, earlier, problem.workers, tick)
+    if not removals:
+        return None
+    found = _beside_another_soil(min(removals, key=lambda one: one.nats), loss, rounds)
+    return found if found.nats < least else None
 
 
 def removal_of(problem: Problem, fit: Fit, loss: Loss, which: int, rounds: Rounds) -> Removal:
     """The model without an effect: from where the fit is, or with the soil searched anew, whichever fits better."""
+    return _beside_another_soil(_from_present_soil(problem, fit, loss, which, rounds), loss, rounds)
+
+
+def _from_present_soil(problem: Problem, fit: Fit, loss: Loss, which: int, rounds: Rounds) -> Removal:
+    """The model without an effect, fitted from where it is with it."""
     part, here = without_effect(problem, loss, fit.point, which)
-    best = fits_from_two_soils(part, here, loss, rounds)[0]
+    rest = settled(part, here, loss, rounds)
     firm = reassessed(problem, replace(loss, firm=True), fit.point).cost
-    return Removal(which, part, best, 0.5 * (best.point.cost - firm))
+    return Removal(which, part, rest, 0.5 * (rest.point.cost - firm))
+
+
+def _beside_another_soil(removal: Removal, loss: Loss, rounds: Rounds) -> Removal:
+    """The same with a soil that is searched anew, if that fits better."""
+    fit = settled(removal.problem, _another_soil(removal.problem, removal.fit.point, loss), loss, rounds)
+    gained = 0.5 * (removal.fit.point.cost - fit.point.cost)
+    return replace(removal, fit=fit, nats=removal.nats - gained) if gained > 0.0 else removal
 
 
 def fits_from_two_soils(problem: Problem, point: Point, loss: Loss, rounds: Rounds) -> list[Fit]:
@@ -63,7 +80,12 @@ def fits_from_two_soils(problem: Problem, point: Point, loss: Loss, rounds: Roun
     A soil that was found without an effect makes up for it as far as it can. From there steps seldom lead to the one
     that is right beside it, and what else is missing hides behind the wrong one.
     """
-    effects = point.coordinates[len(problem.parameters.parameters) :]
-    begun = [point, search(problem, Effort(), effects=effects, loss=loss).point]
+    begun = [point, _another_soil(problem, point, loss)]
     fits = side_by_side(lambda one: settled(problem, one, loss, rounds), begun, problem.workers)
     return sorted(fits, key=lambda one: one.point.cost)
+
+
+def _another_soil(problem: Problem, point: Point, loss: Loss) -> Point:
+    """Where a search from several starts ends, effects as they are at `point`."""
+    effects = point.coordinates[len(problem.parameters.parameters) :]
+    return search(problem, Effort(), effects=effects, loss=loss).point
