@@ -78,7 +78,7 @@ NATS_BIASED = Number(
 )  # fmt: skip
 MARGIN = Number(
     2.0, "σ", "an effect's evidence over what is asked of it, at least, by how much windows scatter that it explains "
-    "worse", VARYING, "no",
+    "worse; and over another's that does not tie with it", VARYING, "no",
 )  # fmt: skip
 LEAST_DISTANCE = Number(4.0, "σ", "an effect's distance from neutral, at least", NULL, "no")
 LEAST_SIZE = Number(

@@ -13,7 +13,8 @@ LEAST = 58.0
 
 
 def told(size: float, nats: float = 500.0, sd: float = 1e-3, sampling_sd: float = 0.0) -> Evidence:
-    return Evidence(nats, 0.0, np.array([size]), np.array([[sd**2]]), sampling_sd)
+    lost = np.array([-sampling_sd / 2.0**0.5])
+    return Evidence(nats, 0.0, np.array([size]), np.array([[sd**2]]), lost)
 
 
 @pytest.mark.parametrize(

@@ -38,6 +38,28 @@ def test_what_is_close_ties(fitted: dict[str, float], from_commands: dict[str, f
     )
 
 
+def with_windows(gained: np.ndarray) -> Evidence:
+    """An effect of a plain size that gains so much in each window."""
+    return Evidence(float(gained.sum()), 0.0, np.ones(1), 1e-4 * np.eye(1), gained)
+
+
+def test_a_lead_that_other_windows_may_take_away_is_none() -> None:
+    """Of two effects that gain much alike one may lead by the windows that happened to be recorded."""
+    rng = np.random.default_rng(3)
+    alike, by_chance = np.full(400, 2.0), rng.normal(0.0, 3.0, 400)
+    by_chance -= by_chance.mean()
+    for lead, ties in ((70.0, ("payload",)), (200.0, ())):  # 60 is its standard deviation
+        evidence = {"slope": with_windows(alike + by_chance + lead / 400), "payload": with_windows(alike)}
+        best = best_of(evidence, {name: one.nats for name, one in evidence.items()}, {}, LEAST, THRESHOLDS)
+        assert best is not None and best.effect == "slope" and best.ties == ties
+
+
+def test_a_lead_in_every_window_is_no_chance() -> None:
+    evidence = {"slope": with_windows(np.full(400, 2.1)), "payload": with_windows(np.full(400, 2.0))}
+    best = best_of(evidence, {name: one.nats for name, one in evidence.items()}, {}, LEAST, THRESHOLDS)
+    assert best is not None and not best.ties
+
+
 def test_too_little_is_nothing() -> None:
     assert best_of({}, {}, {"command_delay": CommandEvidence(LEAST - 1.0, {})}, LEAST, THRESHOLDS) is None
 

@@ -70,20 +70,30 @@ class Evidence:
     own : array, shape (k,)
         The effect's coordinates.
     covariance : array, shape (k, k)
-    sampling_sd : float
-        Nats, standard deviation of `gained` by which windows were recorded.
+    by_window : array, shape (windows,)
+        What each window gains, nats, parameters' priors left out; empty where it is not known.
     """
 
     gained: float
     occam: float
     own: Array
     covariance: Array
-    sampling_sd: float = 0.0
+    by_window: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def nats(self) -> float:
         """Logarithm of the Bayes factor."""
         return self.gained + self.occam
+
+    @property
+    def sampling_sd(self) -> float:
+        """Nats, standard deviation of `gained` by which windows were recorded."""
+        return scatter(self.by_window)
+
+    def sampling_sd_beside(self, other: Evidence) -> float:
+        """Nats, standard deviation of what is gained more than by another effect; 0 where that is of other windows."""
+        same = self.by_window.shape == other.by_window.shape
+        return scatter(self.by_window - other.by_window) if same else 0.0
 
     @property
     def deviations(self) -> float:
@@ -111,8 +121,8 @@ def evidence(rival: Rival, best: Fit, excess: float = 0.0) -> Evidence:
     size = len(rival.effect_coordinates)
     mine = covariance[-size:, -size:]
     gained = 0.5 * (best.point.cost - excess - point.cost)
-    sampling_sd = scatter(0.5 * (best.point.losses - point.losses))
-    return Evidence(gained, occam(rival.trial.hypothesis, mine), rival.effect_coordinates, mine, sampling_sd)
+    by_window = 0.5 * (best.point.losses - point.losses)
+    return Evidence(gained, occam(rival.trial.hypothesis, mine), rival.effect_coordinates, mine, by_window)
 
 
 def scatter(gained: Array) -> float:

@@ -77,9 +77,15 @@ def best_of(
     best = max(good, key=lambda effect: good[effect])
 
     def margin(effect: str) -> float:
-        """What commands show has the noise that the best of it leaves; nothing but chance is to be feared there."""
-        commanded = best not in fitted and effect not in fitted
-        return thresholds.tie if commanded else max(thresholds.tie, thresholds.tie_share * good[best])
+        """What commands show has the noise that the best of it leaves; nothing but chance is to be feared there.
+
+        Where motion was fitted the best one may have its lead by which windows were recorded.
+        """
+        if best not in fitted and effect not in fitted:
+            return thresholds.tie
+        both = best in fitted and effect in fitted
+        by_chance = evidence[best].sampling_sd_beside(evidence[effect]) if both else 0.0
+        return max(thresholds.tie, thresholds.tie_share * good[best], thresholds.margin * by_chance)
 
     ties = sorted((e for e in good if e != best and good[e] >= good[best] - margin(e)), key=lambda e: -good[e])
     values = from_commands[best].found if best in from_commands and best not in fitted else {}
