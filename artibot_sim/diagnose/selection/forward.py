@@ -31,8 +31,8 @@ from artibot_sim.estimation.checks.common_map import experiments_of, in_common_m
 from artibot_sim.estimation.loss import Loss, channel_levels
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem
-from artibot_sim.estimation.search import Fit, thinned
-from artibot_sim.estimation.solver import Point, reassessed
+from artibot_sim.estimation.search import Fit, converge, thinned
+from artibot_sim.estimation.solver import Point, evaluate
 from artibot_sim.estimation.windows import CHANNEL_NAMES
 from artibot_sim.identify.run import Trust
 from artibot_sim.model.effects import EFFECTS
@@ -61,10 +61,8 @@ class SearchStage:
         With that noise's colour.
     screened : float
         Cost that the trials are to be held against.
-    fallen : float
-        Nats by which the baseline is better than the one around which it was searched.
     base : Around, optional
-        That one.
+        The baseline around which effects were screened.
     nats : mapping of str to float
         Log Bayes factors of the rivals from both views, by effect.
     by_every_window : frozenset of str
@@ -80,7 +78,6 @@ class SearchStage:
     fit: Fit
     loss: Loss
     screened: float
-    fallen: float = 0.0
     base: Around | None = None
     nats: Mapping[str, float] = field(default_factory=dict)
     by_every_window: frozenset[str] = frozenset()
@@ -90,6 +87,18 @@ class SearchStage:
     def tried(self) -> frozenset[str]:
         """Effects that the motion was asked for."""
         return frozenset(trial.id for trial in self.trials)
+
+    def bettered(self, steps: int) -> float:
+        """Nats by which the baseline is better than the one around which effects were screened.
+
+        By the loss of that screen, after so many steps under it: by the firm loss, under which a baseline ends, it is
+        better wherever windows are explained badly.
+        """
+        base = self.base
+        if base is None or not self.rivals:
+            return 0.0
+        point = evaluate(base.problem, base.loss, [self.fit.point.coordinates], self.fit.point.starts)[0]
+        return 0.5 * (base.point.cost - converge(base.problem, point, base.loss, steps).point.cost)
 
 
 def stage(
@@ -114,7 +123,7 @@ def stage(
         trials = [min(each, key=lambda trial: trial.point.cost) for each in beside]
         base, control = min(bases, key=lambda one: one[1].cost)
         trials += discs(base) if in_map else []
-        return SearchStage(tuple(trials), (), {}, problem, fit, loss, control.cost, base=base)
+        return SearchStage(tuple(trials), (), {}, problem, fit, loss, control.cost, base)
 
     begun = parts.once(_name("screened", named), screened)
     return _contested(begun, named, rounds, tick, parts, asked)
@@ -139,7 +148,7 @@ def thorough(
     if base is None or not found.trials:
         return found
     begun = SearchStage(
-        found.trials, (), {}, base.problem, found.fit, base.loss, found.screened, base=base, known=found.known
+        found.trials, (), {}, base.problem, found.fit, base.loss, found.screened, base, known=found.known
     )
     return _contested(begun, named, every, tick, parts)
 
@@ -174,7 +183,6 @@ def _judged(begun: SearchStage, rivals: list[Rival], named: Sequence[str], round
         lambda do, some: side_by_side(do, some, problem.workers, tick),
     )  # fmt: skip
     best = min([best, *others], key=lambda fit: fit.point.cost)
-    fallen = 0.5 * (reassessed(problem, best.loss, base.point).cost - best.point.cost)
     rivals = _with_starts_of(problem, best, rivals, rounds)
     problem, best, rivals, loss = _with_honest_noise(problem, best, rivals, rounds)
     rivals = side_by_side(lambda rival: contained(rival, best, rounds), rivals, problem.workers)
@@ -184,9 +192,7 @@ def _judged(begun: SearchStage, rivals: list[Rival], named: Sequence[str], round
         lambda one: evidence(one[0], best, one[1]), list(zip(rivals, excess, strict=True)), problem.workers
     )
     found = {rival.id: one for rival, one in zip(rivals, stated, strict=True)}
-    return SearchStage(
-        begun.trials, tuple(rivals), found, problem, best, loss, begun.screened, fallen, base, known=known
-    )
+    return SearchStage(begun.trials, tuple(rivals), found, problem, best, loss, begun.screened, base, known=known)
 
 
 def _with_honest_noise(

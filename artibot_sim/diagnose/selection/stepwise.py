@@ -198,7 +198,9 @@ class StepwiseSelection:
     def _repeated_from_better_soil(self, best: Named | None) -> SearchStage | None:
         """The first search once more, where its effects were screened around a soil that was none."""
         found = self._found
-        if self._model.named or self._again or found.fallen <= max(_BETTER, best.nats if best else 0.0):
+        if self._model.named or self._again:
+            return None
+        if found.bettered(self._rounds.few) <= max(_BETTER, best.nats if best else 0.0):
             return None
         self._again = True
         return self._time.within(
