@@ -205,13 +205,13 @@ def weighed(S, j, dt):
 
 
 @inlined
-def next_knot(S, e, position, velocity, behind, first, row, turned, filtered):
+def next_knot(S, e, position, velocity, behind, first, row, turned, filtered, rigid=None):
     """A lane's commands at the knot in `row`.
 
     Recorded rotations are `turned` times the true ones, and trail them by what is `behind` (n, 8: angles and speeds)
     for each second of a low-pass of `filtered` s; angles count from the knot in `first`, where both are the same.
     """
-    for motor in range(4):
+    for motor in range(motors_of(rigid)):
         j = motor * LANES + e
         p, v = position[row, motor], velocity[row, motor]
         if filtered != 0.0:
@@ -289,13 +289,25 @@ def motion_of(S, q, v):
 
 
 @inlined
-def face(S, least):
+def modules_of(rigid):
+    """How many modules each of the rovers has."""
+    return 2 if rigid is None else 1
+
+
+@inlined
+def motors_of(rigid):
+    """How many motors each of the rovers has."""
+    return 4 if rigid is None else 2
+
+
+@inlined
+def face(S, least, rigid):
     """Sines and cosines of yaws that have turned by `least` (rad) since they were last taken.
 
     In between, `turn_by` does the rest. A lane's depend on its own yaws only, whoever else has turned.
     """
     for e in range(LANES):
-        for module in range(2):
+        for module in range(modules_of(rigid)):
             j, yaw = module * LANES + e, S[AT.Q_S + (3 * module + 2) * LANES + e]
             s, c = sincos(yaw)
             before, s_0, c_0 = S[AT.FACING + j], S[AT.SINE + j], S[AT.COSINE + j]
@@ -305,7 +317,7 @@ def face(S, least):
 
 
 @inlined
-def begin_stage(S, fx, s):
+def begin_stage(S, fx, s, rigid):
     """Motors' commands `s` seconds after the knot, and what motors do that follow them.
 
     Returns
@@ -317,12 +329,12 @@ def begin_stage(S, fx, s):
     """
     rolls, near = 0, 0
     for e in range(LANES):
-        for motor in range(4):
+        for motor in range(motors_of(rigid)):
             rolls += abs(follow_command(S, fx, motor * LANES + e, s)) > 20.0 * ROLLING_WIDTH
-        for module in range(2):
+        for module in range(modules_of(rigid)):
             yaw = S[AT.Q_S + (3 * module + 2) * LANES + e]
             near += abs(yaw - S[AT.FACING + module * LANES + e]) < NEAR
-    return rolls == 4 * LANES, near == 2 * LANES
+    return rolls == motors_of(rigid) * LANES, near == modules_of(rigid) * LANES
 
 
 @inlined
@@ -429,7 +441,7 @@ def leave_out_back(S):
     for j in range(3 * LANES):
         S[AT.ACC + 3 * LANES + j] = 0.0
     for j in range(2 * LANES):
-        S[AT.AT_RIM + 2 * LANES + j] = 0.0
+        S[AT.AT_RIM + 2 * LANES + j] = S[AT.ACC + MOTORS + 2 * LANES + j] = 0.0
     for k in range(4, MEMORY, 8):
         for j in range(4 * LANES):
             S[AT.LAG_RATE + k * LANES + j] = 0.0
@@ -480,10 +492,10 @@ def stage(S, fx, k, s, elapsed, dt, turning, rigid=None):
     if k == 0:  # whoever turns: of what it knows to stay, the compiler makes a version of everything
         hold_torques(S)
     late = stage_time(k, dt)
-    rolls, near = begin_stage(S, fx, s + late)
+    rolls, near = begin_stage(S, fx, s + late, rigid)
     at_knot = k == 0 and s == 0.0
     if at_knot or not near:
-        face(S, 0.0 if at_knot else NEAR)
+        face(S, 0.0 if at_knot else NEAR, rigid)
     if rigid is None:
         move_modules(S, fx, elapsed + late)
     else:

@@ -16,6 +16,7 @@ from artibot_sim.model.kernels.lanes import (
     end_stage,
     leave_knot,
     leave_out_back,
+    motors_of,
     next_knot,
     sound_rows,
     stage,
@@ -113,7 +114,7 @@ def buffers(rows: int) -> Buffers:
 
 
 @inlined
-def load_block(S, work, order, block, fx):
+def load_block(S, work, order, block, fx, rigid):
     """Items into lanes."""
     for e in range(LANES):
         i = item_of(order, block, e)
@@ -126,7 +127,7 @@ def load_block(S, work, order, block, fx):
         load_lane(S, e, work.records[r], effects_at(S, fx, e, 0.0), work.q, work.v, i)
         for k in range(MEMORY):
             S[AT.LAG + k * LANES + e] = S[AT.LAG_S + k * LANES + e] = work.memory[i, k]
-        load_motion(S, e, work, i, 0)
+        load_motion(S, e, work, i, 0, rigid)
 
 
 @inlined
@@ -137,28 +138,28 @@ def item_of(order, block, e):
 
 
 @inlined
-def load_motion(S, e, work, i, knot):
+def load_motion(S, e, work, i, knot, rigid):
     """Rotations of item `i` at one of its knots, as they were where the sensors of its robot have recorded them."""
     first, sensors = work.first[i], work.sensors[work.robot[i]]
     next_knot(
         S, e, work.position, work.velocity, work.behind, first, first + knot, sensors[ENCODER_SCALE],
-        sensors[VELOCITY_FILTER],
+        sensors[VELOCITY_FILTER], rigid,
     )  # fmt: skip
 
 
 @inlined
-def load_knot(S, work, order, block, knot, h):
+def load_knot(S, work, order, block, knot, h, rigid):
     """All lanes' commands from a knot to the next, `h` seconds later; lanes that have ended stay at their last."""
     leave_knot(S)
     for e in range(LANES):
         i = item_of(order, block, e)
         pulled, last = work.sensors[work.robot[i], TORQUE_SCALE], work.knots[i]
-        load_motion(S, e, work, i, min(knot + 1, last))
+        load_motion(S, e, work, i, min(knot + 1, last), rigid)
         going = 1.0 / h if knot < last else 0.0
-        for motor in range(4):
+        for motor in range(motors_of(rigid)):
             S[AT.GOING + motor * LANES + e] = going
         row = work.first[i] + min(knot, last)
-        for motor in range(4):
+        for motor in range(motors_of(rigid)):
             given = work.torque[row, motor]
             if pulled != 1.0:
                 given /= pulled
@@ -191,7 +192,7 @@ def simulate(S, rows, work, order, block, fx, dt, knot_steps, settings, rigid):
     for step in range(steps + 1):
         knot, phase = step // knot_steps, step % knot_steps
         if phase == 0:
-            load_knot(S, work, order, block, knot, knot_steps * dt)
+            load_knot(S, work, order, block, knot, knot_steps * dt, rigid)
         for k in range(settings[STAGES] if step < steps else 1):
             stage(S, fx, k, phase * dt, dt * step, dt, settings[TURNING], rigid)
             if k + phase == 0:  # asked apart, the compiler would make a version for each answer
@@ -233,6 +234,6 @@ def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, ou
     line_up_stack()
     S, rows = buffer
     for block in range(first, (order.shape[0] + LANES - 1) // LANES, stride):
-        load_block(S, work, order, block, fx)
+        load_block(S, work, order, block, fx, rigid)
         simulate(S, rows, work, order, block, fx, dt, knot_steps, settings, rigid)
         sample_plans(S, rows, work, order, block, knot_steps * dt, out)
