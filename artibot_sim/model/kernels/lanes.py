@@ -437,7 +437,7 @@ def move_rigid(S, fx, t):
 
 @inlined
 def leave_out_back(S):
-    """Accelerations, forces and memory of the back module that `move_rigid` does not compute: there is none."""
+    """Accelerations, forces and memory of a back module and its motors, which rigid robots do not have."""
     for j in range(3 * LANES):
         S[AT.ACC + 3 * LANES + j] = 0.0
     for j in range(2 * LANES):
