@@ -133,7 +133,7 @@ def test_a_wheel_brings_one_program_and_its_files(source: Path, tmp_path: Path) 
         (entry_points,) = [name for name in archive.namelist() if name.endswith("entry_points.txt")]
         programs = configparser.ConfigParser()
         programs.read_string(archive.read(entry_points).decode())
-        assert dict(programs["console_scripts"]) == {"artibot": "artibot_sim.cli:main"}
+        assert dict(programs["console_scripts"]) == {"artibot": "artibot_sim.cli:program"}
         shipped = {name.partition("/data/share/artibot_sim/")[2] for name in archive.namelist()}
         modules = {name for name in archive.namelist() if name.startswith("artibot_sim/")}
     share = [*(source / "config").rglob("*"), *(source / "launch").glob("*"), source / "package.xml"]

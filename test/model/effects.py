@@ -33,7 +33,7 @@ SEVERITY_1 = {
     "rolling_resistance_speed": {"coefficient": 1.5},
     "com_offset": {"x": 0.06, "y": -0.04},
     "com_height": {"height": 0.35},
-    "residual_force": {"back_turn": 10.0, "front_sway": 10.0, "front_sway_rate": -3.0, "since": 1.0, "width": 4.0},
+    "residual_force": {"back_turn": 10.0, "front_sway": 10.0, "front_sway_rate": -3.0, "since": 1.0, "fall": 0.25},
     "motion_resistance": {"force": 30.0},
     "wheel_resistance": {"share": 0.08},
     "slip_ratio": {"exponent": 0.95},  # all that RK4 takes at 1 ms: the ground is stiff at low speed

@@ -172,7 +172,7 @@ class Transcribed:
         """Force along and across a module's own frame, N, and yaw moment, N m."""
         since = self.t - self._of("residual_force", "since")
         names = ("front_surge", "front_sway", "front_turn") if module == 0 else ("", "", "back_turn")
-        share = max(1.0 - abs(since) / self._of("residual_force", "width"), 0.0)
+        share = max(1.0 - abs(since) * self._of("residual_force", "fall"), 0.0)
         surge, sway, turn = (
             share * (self._of("residual_force", n) + since * self._of("residual_force", f"{n}_rate")) for n in names
         )

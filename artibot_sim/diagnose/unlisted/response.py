@@ -193,7 +193,7 @@ def pulse(robot: Robot, component: int, side: int, t: float, width: float) -> Ro
     `side` is its sign.
     """
     force = {forces_of(len(robot.modules))[component]: side * float(_probe(robot)[component])}
-    return unchecked(robot, dict(robot.effects) | {"residual_force": force | {"since": float(t), "width": width}})
+    return unchecked(robot, dict(robot.effects) | {"residual_force": force | {"since": float(t), "fall": 1.0 / width}})
 
 
 @dataclass(frozen=True)

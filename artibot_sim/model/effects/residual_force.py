@@ -22,7 +22,7 @@ def load(fx, module):
     """Force along and across a module's own frame (N) and yaw moment (N m)."""
     probe = fx.residual_force
     since = fx.t - probe.since
-    share = max(1.0 - abs(since) / probe.width, 0.0)
+    share = max(1.0 - abs(since) * probe.fall, 0.0)
     if module == 0:
         return (
             share * (probe.front_surge + since * probe.front_surge_rate),
@@ -44,7 +44,7 @@ EFFECT = Effect(
     | {f"{name}_rate": number(f"{_unit(name)}/s", -math.inf, math.inf, "its growth") for name in FORCES}
     | {
         "since": number("s", -math.inf, math.inf, "since the recording's start"),
-        "width": number("s", 0.0, math.inf, "before and after `since`: there a pulse is 0", math.inf, low_open=True),
+        "fall": number("1/s", 0.0, math.inf, "share of a pulse that is gone for each second before and after `since`"),
     },
     sizes=2 * len(FORCES),
     hooks={"load": load},
