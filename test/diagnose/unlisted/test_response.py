@@ -48,7 +48,7 @@ def by_the_law(base: Around, law: dict[str, Any], size: float) -> tuple[float, f
     [
         ("agriq", "lateral force of each back wheel", "back_wheels_lateral", "lateral_speed", 100.0),
         ("agriq", "longitudinal force of the front_left wheels", "front_left_longitudinal", "speed", 12.0),
-        ("train3", "yaw moment in joint 2", "joint_2", "articulation_angle", 12.0),
+        pytest.param("train3", "yaw moment in joint 2", "joint_2", "articulation_angle", 12.0, marks=pytest.mark.long),
     ],
 )
 def test_pulses_promise_what_a_law_in_the_model_gains(
