@@ -319,7 +319,8 @@ def _headline(found: Diagnosis) -> str:
 
 def _answer(found: Diagnosis) -> str:
     """The verdict in a few words."""
-    if found.verdict is Verdict.AMBIGUOUS and any(not cause.ties for cause in found.causes):
+    ties = {bool(cause.ties) for cause in found.causes}
+    if found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS) and len(ties) == 2:
         return "cause found, another one ties"
     return _VERDICTS[found.verdict]
 
