@@ -143,7 +143,7 @@ class Stretches(NamedTuple):
     speed: Array
 
     def behind(self, short: Array) -> Stretches:
-        """The same of motors that fall short by these speeds, rad/s, one for each sample of the recordings."""
+        """These stretches where motors fall short by `short`, rad/s: a speed for each sample of the recordings."""
         e, inside = short[self.rows], self.each >= 0
         return self._replace(e=e, speed=self.share * np.bincount(self.each[inside], e[inside], len(self.share)))
 
