@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from model.effects import SEVERITY_1, with_effects
+from model.test_laws import laws
 from model.test_rollout_random_robots import FACTORS, VALUES, build
 
 from artibot_sim.estimation.windows import postures, states
@@ -80,12 +81,12 @@ def by_rollout(robot: Robot, motors: MotorTable, items: Items, i: int, dt: float
 
 
 def assert_like_rollouts(robots: list[Robot], motors: MotorTable, items: Items, dt: float) -> None:
-    """All items run in lanes but those of robots with laws, and all show what rollouts do."""
+    """All items run in lanes but those with laws whose loads move, and all show what rollouts do."""
     lengths, plan = np.unique(items.knots, return_inverse=True)
     items = dataclasses.replace(items, plan=plan)
     batch = WindowBatch([motors], [at_knots(int(knots)) for knots in lengths], dt, workers=2)
     free = motors.modes != PRESCRIBED
-    alone = np.array([has_laws(robot.effects) for robot in robots])
+    alone = np.array([has_laws(robot.effects) and "com_height" in robot.effects for robot in robots])
     np.testing.assert_array_equal(level(Fleet.of(robots, [motors], free), items), ~alone[items.robot])
     for i, found in enumerate(batch.run(robots, items)):
         expected = by_rollout(robots[items.robot[i]], motors, items, i, dt)
@@ -153,6 +154,37 @@ def test_every_effect(agriq, effect) -> None:
     robots = [with_effects(agriq, effect), agriq]
     motors = table(agriq)
     assert_like_rollouts(robots, motors, items_of(robots, motors, 4, each=3), 2.5e-3)
+
+
+def small_laws() -> list[dict[str, object]]:
+    """Those of `laws`, so small that the square of an angle in rad lets no rover diverge."""
+    return [law | {"size": 1e-3 * law["size"]} for law in laws()]
+
+
+def test_laws_at_every_place_of_every_variable_in_every_form(agriq) -> None:
+    robots = [with_effects(agriq, force_law_2=law) for law in small_laws()]
+    motors = table(agriq)
+    assert_like_rollouts(robots, motors, items_of(robots, motors, 15), 2.5e-3)
+
+
+def test_laws_beside_each_other_and_beside_effects(agriq) -> None:
+    every = small_laws()
+    robots = [
+        with_effects(agriq, *beside, **dict(zip(LAWS, every[k::17], strict=False)))
+        for k, beside in enumerate(((), ("com_offset", "motor_drag"), ("com_height",)))
+    ]
+    for modes in (PRESCRIBED, SHARED):
+        motors = table(agriq, modes)
+        assert_like_rollouts(robots, motors, items_of(robots, motors, 16, each=3), 1e-3)
+
+
+def test_laws_of_rigid_robots(husky) -> None:
+    """They have one module, whose two motors lanes for them alone know."""
+    behind = "back", "joint", "artic"
+    here = [law for law in small_laws() if not any(str(value).startswith(behind) for value in law.values())]
+    robots = [with_effects(husky, force_law=law) for law in here]
+    motors = table(husky)
+    assert_like_rollouts(robots, motors, items_of(robots, motors, 17), 2.5e-3)
 
 
 def test_all_effects_at_once(agriq) -> None:

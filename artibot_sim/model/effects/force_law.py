@@ -6,9 +6,10 @@ A law says where a force acts, which variable it follows there, and in which for
 
 Words and units of all three are in the tables of this file; who looks for laws and who simulates them use the same.
 A robot has at most three of them (`force_law`, `force_law_2`, `force_law_3`). Robots with laws are simulated by code of
-their own, one or two modules one by one: for all others nothing of this is compiled. What the rover as a whole does at
-an instant is known before any law is asked: noted in the record of its effects (MOTION), or handed over as
-`NotedMotion`.
+their own: for all others nothing of this is compiled. What the rover as a whole does at an instant is known before any
+law is asked: noted in the record of its effects (MOTION), or handed over as `NotedMotion`. Where rovers run side by
+side in vector units, which laws would break with their branches, their forces are known before anybody asks for them
+(`LawForces`).
 """
 
 from __future__ import annotations
@@ -183,6 +184,57 @@ class NotedMotion(NamedTuple):
     bend_rate: tuple[float]
 
 
+class LawForces(NamedTuple):
+    """What all laws of a rover do at an instant, where it is computed before it is asked for.
+
+    Attributes
+    ----------
+    load : tuple of 6 floats
+        Surge (N), sway (N) and yaw (N m) of the front module, then of the back one.
+    joint : float
+        Yaw moment on the front module, N m.
+    across : tuple of 8 floats
+        Lateral force at each wheel, N.
+    along, shaft : tuple of 4 floats
+        Longitudinal force at both wheels of each motor (N), and torque at its shaft (N m).
+    """
+
+    load: tuple[float, float, float, float, float, float]
+    joint: float
+    across: tuple[float, float, float, float, float, float, float, float]
+    along: tuple[float, float, float, float]
+    shaft: tuple[float, float, float, float]
+
+
+LOAD_AT, JOINT_AT, ACROSS_AT, ALONG_AT, SHAFT_AT, FORCES = 0, 6, 7, 15, 19, 23
+"""Where the numbers of `LawForces` begin, one after the other, and how many they are."""
+
+
+@inlined
+def range_of(where):
+    """Numbers among those of `LawForces` that a law at a place of PLACES adds to: the first, and how many."""
+    if where < EACH_LATERAL:
+        return where, 1
+    if where < LATERAL:
+        return ACROSS_AT + (4 if where == BACK_LATERAL else 0), 8 if where == EACH_LATERAL else 4
+    if where < EACH_LONGITUDINAL:
+        return ACROSS_AT + where - LATERAL, 1
+    if where < EACH_TORQUE:
+        each = where == EACH_LONGITUDINAL
+        return (ALONG_AT, 4) if each else (ALONG_AT + where - LONGITUDINAL, 1)
+    return (SHAFT_AT, 4) if where == EACH_TORQUE else (SHAFT_AT + where - TORQUE, 1)
+
+
+def forces_in(fx: Any) -> Any:
+    """`LawForces` among effects; None, at compile time, where they are not known beforehand."""
+    return getattr(fx, "law_forces", None)
+
+
+@overload(forces_in, jit_options={"forceinline": True}, strict=False)
+def _forces_in(fx: Any) -> Any:
+    return (lambda fx: fx.law_forces) if "law_forces" in getattr(fx, "fields", ()) else (lambda fx: None)
+
+
 def motion_in(fx: Any) -> Any:
     """What laws see, among effects; None, at compile time, where there are no laws."""
     return getattr(fx, "motion", None)
@@ -320,8 +372,10 @@ def value(law, motion, joint, t, module, own):
 
 
 @inlined
-def on_module(laws, motion, t, module):
+def on_module(laws, motion, known, t, module):
     """Force of laws along and across a module's own frame (N) and yaw moment (N m)."""
+    if known is not None:
+        return known.load[3 * module], known.load[3 * module + 1], known.load[3 * module + 2]
     surge, sway, turn = 0.0, 0.0, 0.0
     if laws is not None:
         for law in laws:
@@ -338,8 +392,10 @@ def on_module(laws, motion, t, module):
 
 
 @inlined
-def on_wheel(laws, motion, t, wheel, own):
+def on_wheel(laws, motion, known, t, wheel, own):
     """Lateral force of laws at a wheel (its number), N."""
+    if known is not None:
+        return known.across[wheel]
     force = 0.0
     if laws is not None:
         for law in laws:
@@ -350,8 +406,10 @@ def on_wheel(laws, motion, t, wheel, own):
 
 
 @inlined
-def on_pair(laws, motion, t, motor, own):
+def on_pair(laws, motion, known, t, motor, own):
     """Longitudinal force of laws at both wheels of a motor (its number), N."""
+    if known is not None:
+        return known.along[motor]
     force = 0.0
     if laws is not None:
         for law in laws:
@@ -362,8 +420,10 @@ def on_pair(laws, motion, t, motor, own):
 
 
 @inlined
-def on_motor(laws, motion, t, motor, angle, speed):
+def on_motor(laws, motion, known, t, motor, angle, speed):
     """Torque of laws that a motor needs beside its load, N m; its wheels' `angle` (rad) and rolling `speed` (m/s)."""
+    if known is not None:
+        return known.shaft[motor]
     torque = 0.0
     if laws is not None:
         module = 0 if motor < 2 else 1
@@ -376,8 +436,10 @@ def on_motor(laws, motion, t, motor, angle, speed):
 
 
 @inlined
-def in_joint(laws, motion, t, angle, rate):
+def in_joint(laws, motion, known, t, angle, rate):
     """Yaw moment of laws on the front module, with its opposite on the back one, N m."""
+    if known is not None:
+        return known.joint
     moment = 0.0
     if laws is not None:
         own = LocalMotion(motion.forward[0], motion.left[0], 0.0, 0.0, motion.x[0], motion.y[0], 0.0)
@@ -390,31 +452,31 @@ def in_joint(laws, motion, t, angle, rate):
 @inlined
 def module_load(fx, module):
     """What laws do at a module's origin, see `on_module`."""
-    return on_module(laws_in(fx), motion_in(fx), fx.t, module)
+    return on_module(laws_in(fx), motion_in(fx), forces_in(fx), fx.t, module)
 
 
 @inlined
 def wheel_across(fx, wheel, own):
     """Lateral force of laws at a wheel, N."""
-    return on_wheel(laws_in(fx), motion_in(fx), fx.t, wheel, own)
+    return on_wheel(laws_in(fx), motion_in(fx), forces_in(fx), fx.t, wheel, own)
 
 
 @inlined
 def pair_along(fx, motor, own):
     """Longitudinal force of laws at both wheels of a motor, N."""
-    return on_pair(laws_in(fx), motion_in(fx), fx.t, motor, own)
+    return on_pair(laws_in(fx), motion_in(fx), forces_in(fx), fx.t, motor, own)
 
 
 @inlined
 def motor_shaft(fx, motor, angle, speed):
     """Torque of laws at a motor's shaft, N m."""
-    return on_motor(laws_in(fx), motion_in(fx), fx.t, motor, angle, speed)
+    return on_motor(laws_in(fx), motion_in(fx), forces_in(fx), fx.t, motor, angle, speed)
 
 
 @inlined
 def joint_moment(fx, angle, rate):
     """Torque of laws in the articulation's yaw, N m."""
-    return in_joint(laws_in(fx), motion_in(fx), fx.t, angle, rate)
+    return in_joint(laws_in(fx), motion_in(fx), forces_in(fx), fx.t, angle, rate)
 
 
 HOOKS: Mapping[str, Callable[..., Any]] = {

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from artibot_sim.model.effects import EFFECTS, RECORD_DTYPE, at_work
 from artibot_sim.model.effects.base import Effect, Values
+from artibot_sim.model.effects.force_law import FORCES
 from artibot_sim.model.effects.hooks import PLACES
 from artibot_sim.model.equations.plane import Body, CommonTerms
 from artibot_sim.model.kernels.compilation import inlined
@@ -64,6 +65,9 @@ LIMITED = _asking("motor")
 
 LAGGING = _asking("slip", "transfer", "windup", "bristles")
 """Normal forces may move, or lateral forces lag."""
+
+TRANSFERRING = _asking("transfer")
+"""Normal forces may move as the rover does."""
 
 WOUND, BRISTLED = _asking("windup", "bristles"), _asking("bristles")
 """Wheels may wind up, and have bristles: they remember more."""
@@ -132,7 +136,8 @@ _SIZES = {
     "BODY_F": len(Body._fields), "BODY_B": len(Body._fields), "GROUND": len(CommonTerms._fields),
     # whether a coordinate is sound, and in how many rows it was
     "SOUND": SIZE, "KEPT": SIZE,
-    "EFFECTS": EFFECT_VALUES,
+    # parameters of effects; row of the robot's laws, and `force_law.LawForces` at the stage
+    "EFFECTS": EFFECT_VALUES, "LAWS": 1, "LAW_FORCES": FORCES,
 }  # fmt: skip
 
 
@@ -203,20 +208,31 @@ def _lane_effects(typing_context: Any, fx: Any, S: Any, at: Any, t: Any) -> Any:
 lane_effects: Any = intrinsic(_lane_effects)
 
 LawEffects: Any = namedtuple("LawEffects", [*_NAMES, "laws", "motion"])  # type: ignore[misc]  # as above
+ForceEffects: Any = namedtuple("ForceEffects", [*_NAMES, "law_forces"])  # type: ignore[misc]  # as above
 
 
 def _with_laws(typing_context: Any, effects: Any, laws: Any, motion: Any) -> Any:
     """Effects of a lane together with its three laws, and the motion that these follow."""
-    both = types.NamedTuple((*effects.types, laws, motion), LawEffects)
+    return _together(LawEffects, effects, laws, motion)
+
+
+def _with_forces(typing_context: Any, effects: Any, forces: Any) -> Any:
+    """Effects of a lane together with what its laws do (`force_law.LawForces`)."""
+    return _together(ForceEffects, effects, forces)
+
+
+def _together(kind: Any, effects: Any, *more: Any) -> Any:
+    both = types.NamedTuple((*effects.types, *more), kind)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         values = cgutils.unpack_tuple(builder, arguments[0])
         return context.make_tuple(builder, both, [*values, *arguments[1:]])
 
-    return both(effects, laws, motion), generate
+    return both(effects, *more), generate
 
 
 with_laws: Any = intrinsic(_with_laws)
+with_forces: Any = intrinsic(_with_forces)
 
 
 @inlined

@@ -6,8 +6,26 @@ Loops run over four motors × LANES in one piece: one over eight lanes would be 
 from __future__ import annotations
 
 import math
+from typing import Any
+
+from numba.core import types
+from numba.extending import overload
 
 from artibot_sim.model.effects import hooks
+from artibot_sim.model.effects.force_law import (
+    ACROSS_AT,
+    ALONG_AT,
+    FORCES,
+    JOINT_AT,
+    SHAFT_AT,
+    LawForces,
+    LocalMotion,
+    bent,
+    note_angles,
+    note_module,
+    range_of,
+    value,
+)
 from artibot_sim.model.equations.contact import pair_forces, within_friction_lanes
 from artibot_sim.model.equations.plane import (
     Body,
@@ -31,7 +49,7 @@ from artibot_sim.model.equations.transmission import (
     rolling_sign,
     sticks,
 )
-from artibot_sim.model.kernels.compilation import inlined
+from artibot_sim.model.kernels.compilation import called, inlined
 from artibot_sim.model.kernels.elementary import cubic_at, cubic_between, sincos, turn_by
 from artibot_sim.model.kernels.lane_layout import (
     AT,
@@ -46,7 +64,9 @@ from artibot_sim.model.kernels.lane_layout import (
     WOUND,
     effects_at,
     four,
+    lane_effects,
     put4,
+    with_forces,
 )
 from artibot_sim.model.kernels.layout import BEHIND, FRONT, MEMORY, MOTOR
 from artibot_sim.model.kernels.steps import STAGE, next_stage, next_stage_of_lag, stage_time
@@ -70,13 +90,13 @@ def follow_command(S, fx, j, s):
 
 
 @inlined
-def drag_motors(S, fx, k, t):
+def drag_motors(S, fx, laws, k, t, rigid):
     """With effects: drag on all motors, what velocity loops ask for, and between what torques stay, at stage `k`.
 
     Of one or two modules each motor has a gear.
     """
     for e in range(LANES):
-        effects = effects_at(S, fx, e, t)
+        effects = effects_and_forces(S, fx, laws, e, t)
         right_f, left_f, right_b, left_b = four(S, AT.V_S + MOTORS + e)
         put4(
             S, AT.DRAG + e,
@@ -85,6 +105,10 @@ def drag_motors(S, fx, k, t):
             hooks.drag(effects, MOTOR[2], right_b) + hooks.gear(effects, right_b),
             hooks.drag(effects, MOTOR[3], left_b) + hooks.gear(effects, left_b),
         )  # fmt: skip
+        if laws is not None:
+            for motor in range(motors_of(rigid)):
+                j = motor * LANES + e
+                S[AT.DRAG + j] += S[AT.LAW_FORCES + SHAFT_AT * LANES + j]
         if LIMITED[len(fx)]:
             for motor in range(4):
                 j = motor * LANES + e
@@ -316,6 +340,115 @@ def face(S, least, rigid):
             S[AT.SINE + j], S[AT.COSINE + j] = s if turned else s_0, c if turned else c_0
 
 
+# ----------------------------------------------------------------------
+# Laws: they branch, so that what they do at a stage is found lane after lane, before the loops that have no branches.
+# ----------------------------------------------------------------------
+
+
+@inlined
+def six(S, at):
+    """Six numbers of a lane."""
+    a, b, c, d = four(S, at)
+    return a, b, c, d, S[at + 4 * LANES], S[at + 5 * LANES]
+
+
+def effects_and_forces(S: Any, fx: Any, laws: Any, e: int, t: float) -> Any:
+    """With effects: those of a lane at `t` (s) since its start, and what its laws do where there are `laws`."""
+    raise NotImplementedError("only for compiled code")
+
+
+@overload(effects_and_forces, jit_options={"forceinline": True}, strict=False)
+def _effects_and_forces(S: Any, fx: Any, laws: Any, e: int, t: float) -> Any:
+    if not isinstance(laws, types.Array):
+        return lambda S, fx, laws, e, t: effects_at(S, fx, e, t)
+
+    def both(S, fx, laws, e, t):
+        at = AT.LAW_FORCES + e
+        wheels = at + ACROSS_AT * LANES
+        forces = LawForces(
+            six(S, at), S[at + JOINT_AT * LANES], four(S, wheels) + four(S, wheels + 4 * LANES),
+            four(S, at + ALONG_AT * LANES), four(S, at + SHAFT_AT * LANES),
+        )  # fmt: skip
+        return with_forces(lane_effects(fx, S, AT.EFFECTS + e, S[AT.EFFECTS + e] + t), forces)
+
+    return both
+
+
+@inlined
+def facing(S, e, module):
+    """Sine and cosine of a module's yaw at the stage."""
+    j = module * LANES + e
+    turn = S[AT.Q_S + (3 * module + 2) * LANES + e] - S[AT.FACING + j]
+    return turn_by(turn, S[AT.SINE + j], S[AT.COSINE + j])
+
+
+@inlined
+def note_lane(S, e, motion, rigid):
+    """Note what laws see of a lane's rover, as `plane_step.note_level` does."""
+    f, (s_f, c_f) = motion_of(S, AT.Q_S + e, AT.V_S + e), facing(S, e, FRONT)
+    forward, left = c_f * f.x_dot + s_f * f.y_dot, c_f * f.y_dot - s_f * f.x_dot
+    note_module(motion, FRONT, f.x, f.y, f.gamma, forward, left, f.gamma_dot)
+    th, ta = four(S, AT.Q_S + MOTORS + e), four(S, AT.TAU + e)
+    right_f, left_f, right_b, left_b = ta[0] * th[0], ta[1] * th[1], ta[2] * th[2], ta[3] * th[3]
+    if rigid is None:
+        b, (s_b, c_b) = motion_of(S, AT.Q_S + 3 * LANES + e, AT.V_S + 3 * LANES + e), facing(S, e, BEHIND)
+        forward, left = c_b * b.x_dot + s_b * b.y_dot, c_b * b.y_dot - s_b * b.x_dot
+        note_module(motion, BEHIND, b.x, b.y, b.gamma, forward, left, b.gamma_dot)
+        note_angles(motion, right_f, left_f, right_b, left_b, b.gamma - f.gamma, b.gamma_dot - f.gamma_dot)
+    else:
+        note_angles(motion, right_f, left_f, 0.0, 0.0, 0.0, 0.0)
+
+
+@inlined
+def where_it_acts(S, e, motion, number):
+    """The module and the motion of what the force at `number` among `LawForces` acts on."""
+    if number < ACROSS_AT:
+        module = 1 if number >= 3 and number < JOINT_AT else 0
+        own = motion.forward[module], motion.left[module], 0.0, 0.0, motion.x[module], motion.y[module], 0.0
+        return module, LocalMotion(own[0], own[1], own[2], own[3], own[4], own[5], own[6])
+    if number >= SHAFT_AT:
+        motor = number - SHAFT_AT
+        module = motor // 2
+        rim, angle = S[AT.RIM + motor * LANES + e], motion.angle[motor]
+        return module, LocalMotion(rim, 0.0, 0.0, angle, motion.x[module], motion.y[module], 0.0)
+    alone = number < ALONG_AT
+    wheel = number - ACROSS_AT if alone else 2 * (number - ALONG_AT)
+    motor, module = wheel // 2, wheel // 4
+    body = body_of(S, (AT.BODY_F if module == 0 else AT.BODY_B) + e)
+    side, end = 1.0 if motor % 2 == 1 else -1.0, (1.0 if wheel % 2 == 0 else -1.0) if alone else 0.0
+    s_g, c_g = facing(S, e, module)
+    p_x = motion.forward[module] - side * (motion.turn[module] * body.half_y)
+    p_y = motion.left[module] + end * (motion.turn[module] * body.half_x)
+    x = motion.x[module] - side * s_g * body.half_y + end * (c_g * body.half_x)
+    y = motion.y[module] + side * c_g * body.half_y + end * (s_g * body.half_x)
+    F_f, F_b = (body.F_rf, body.F_rb) if side < 0.0 else (body.F_lf, body.F_lb)
+    load = F_f + F_b if end == 0.0 else (F_f if end > 0.0 else F_b)
+    return module, LocalMotion(p_x, p_y, S[AT.RIM + motor * LANES + e] - p_x, motion.angle[motor], x, y, load)
+
+
+@called
+def add_law(S, e, law, motion, t):
+    """Add what a law of a lane does at `t` (s)."""
+    first, count = range_of(int(law.where))
+    for number in range(first, first + count):
+        module, own = where_it_acts(S, e, motion, number)
+        S[AT.LAW_FORCES + number * LANES + e] += value(law, motion, bent(motion), t, module, own)
+
+
+@inlined
+def find_forces(S, laws, t, rigid):
+    """What laws do in all lanes (`force_law.LawForces`) at the stage, `t` seconds after their starts."""
+    for j in range(FORCES * LANES):
+        S[AT.LAW_FORCES + j] = 0.0
+    for e in range(LANES):
+        own, now = laws[int(S[AT.LAWS + e])], S[AT.EFFECTS + e] + t
+        motion = own.motion
+        note_lane(S, e, motion, rigid)
+        for law in (own.force_law, own.force_law_2, own.force_law_3):
+            if law.size != 0.0:
+                add_law(S, e, law, motion, now)
+
+
 @inlined
 def begin_stage(S, fx, s, rigid):
     """Motors' commands `s` seconds after the knot, and what motors do that follow them.
@@ -360,7 +493,7 @@ def put_rates(S, fx, at, right, left):
 
 
 @inlined
-def move_modules(S, fx, t):
+def move_modules(S, fx, laws, t):
     """Accelerations of both modules, and what the motors' wheels meet, at the stage."""
     for e in range(LANES):
         ground = ground_of(S, AT.GROUND + e)
@@ -369,7 +502,11 @@ def move_modules(S, fx, t):
         turn_f, turn_b = f.gamma - S[AT.FACING + e], b.gamma - S[AT.FACING + LANES + e]
         s_f, c_f = turn_by(turn_f, S[AT.SINE + e], S[AT.COSINE + e])
         s_b, c_b = turn_by(turn_b, S[AT.SINE + LANES + e], S[AT.COSINE + LANES + e])
-        front, back, effects = body_of(S, AT.BODY_F + e), body_of(S, AT.BODY_B + e), effects_at(S, fx, e, t)
+        front, back, effects = (
+            body_of(S, AT.BODY_F + e),
+            body_of(S, AT.BODY_B + e),
+            effects_and_forces(S, fx, laws, e, t),
+        )
         rims, angles = four(S, AT.RIM + e), (0.0, 0.0, 0.0, 0.0)
         if fx is not None:
             th, ta = four(S, q + MOTORS), four(S, AT.TAU + e)
@@ -414,12 +551,12 @@ def move_modules(S, fx, t):
 
 
 @inlined
-def move_rigid(S, fx, t):
+def move_rigid(S, fx, laws, t):
     """Forces and accelerations at a stage of rigid robots: of the one module that they have."""
     for e in range(LANES):
         ground, body = ground_of(S, AT.GROUND + e), body_of(S, AT.BODY_F + e)
         q, v = AT.Q_S + e, AT.V_S + e
-        at, effects = motion_of(S, q, v), effects_at(S, fx, e, t)
+        at, effects = motion_of(S, q, v), effects_and_forces(S, fx, laws, e, t)
         s, c = turn_by(at.gamma - S[AT.FACING + e], S[AT.SINE + e], S[AT.COSINE + e])
         rims, angles = (S[AT.RIM + e], S[AT.RIM + LANES + e]), (0.0, 0.0)
         if fx is not None:
@@ -483,11 +620,11 @@ def next_lag(S, count, k, dt):
 
 
 @inlined
-def stage(S, fx, k, s, elapsed, dt, turning, rigid=None):
+def stage(S, fx, k, s, elapsed, dt, turning, rigid=None, laws=None):
     """Stage `k` of a step that begins `s` seconds after a knot and `elapsed` seconds after the start.
 
     Motors' torques are computed at the first `turning` stages: at all where one is not prescribed, at the first where
-    anybody asks for torques.
+    anybody asks for torques. `laws` are as in `window_lanes.run_windows`.
     """
     if k == 0:  # whoever turns: of what it knows to stay, the compiler makes a version of everything
         hold_torques(S)
@@ -496,13 +633,15 @@ def stage(S, fx, k, s, elapsed, dt, turning, rigid=None):
     at_knot = k == 0 and s == 0.0
     if at_knot or not near:
         face(S, 0.0 if at_knot else NEAR, rigid)
+    if laws is not None:
+        find_forces(S, laws, elapsed + late, rigid)
     if rigid is None:
-        move_modules(S, fx, elapsed + late)
+        move_modules(S, fx, laws, elapsed + late)
     else:
-        move_rigid(S, fx, elapsed + late)
+        move_rigid(S, fx, laws, elapsed + late)
     if k < turning:
         if fx is not None:
-            drag_motors(S, fx, k, elapsed + late)
+            drag_motors(S, fx, laws, k, elapsed + late, rigid)
         if not rolls:
             smooth_signs(S)
         turn_motors(S, fx)

@@ -122,7 +122,7 @@ def load_block(S, work, order, block, fx, rigid):
         if fx is not None:
             for k in range(EFFECT_VALUES):
                 S[AT.EFFECTS + k * LANES + e] = work.effects[r, k]
-            S[AT.EFFECTS + e] = work.t[i]
+            S[AT.EFFECTS + e], S[AT.LAWS + e] = work.t[i], r
         load_motors(S, e, work.records[r], work.modes, i, work.eta, r, work.share[i])
         load_lane(S, e, work.records[r], effects_at(S, fx, e, 0.0), work.q, work.v, i)
         for k in range(MEMORY):
@@ -184,7 +184,7 @@ def keep_rows(S, row, rows):
 
 
 @inlined
-def simulate(S, rows, work, order, block, fx, dt, knot_steps, settings, rigid):
+def simulate(S, rows, work, order, block, fx, dt, knot_steps, settings, rigid, laws):
     """Run a block, a row at each knot."""
     if rigid is not None:
         leave_out_back(S)
@@ -194,7 +194,7 @@ def simulate(S, rows, work, order, block, fx, dt, knot_steps, settings, rigid):
         if phase == 0:
             load_knot(S, work, order, block, knot, knot_steps * dt, rigid)
         for k in range(settings[STAGES] if step < steps else 1):
-            stage(S, fx, k, phase * dt, dt * step, dt, settings[TURNING], rigid)
+            stage(S, fx, k, phase * dt, dt * step, dt, settings[TURNING], rigid, laws)
             if k + phase == 0:  # asked apart, the compiler would make a version for each answer
                 keep_rows(S, knot, rows)
             end_stage(S, fx, k, dt)
@@ -216,7 +216,7 @@ def sample_plans(S, rows, work, order, block, h, out):
 
 
 @kernel
-def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, out, fx=None, rigid=None):
+def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, out, fx=None, rigid=None, laws=None):
     """Blocks `first`, `first` + `stride`, … of the items in `order`, those with most knots first; samples into `out`.
 
     Parameters
@@ -230,10 +230,13 @@ def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, ou
         One of EXTENDED for the extended model (`lane_layout`).
     rigid : bool, optional
         Given, all items are of rigid robots (see `lanes`).
+    laws : array of LAW_DTYPE, shape (r,), optional
+        With `fx`: laws of all robots, as `effects` has the rest, where all items are of robots that have some.
+        What rovers do at an instant is noted there: no other thread may have the same.
     """
     line_up_stack()
     S, rows = buffer
     for block in range(first, (order.shape[0] + LANES - 1) // LANES, stride):
         load_block(S, work, order, block, fx, rigid)
-        simulate(S, rows, work, order, block, fx, dt, knot_steps, settings, rigid)
+        simulate(S, rows, work, order, block, fx, dt, knot_steps, settings, rigid, laws)
         sample_plans(S, rows, work, order, block, knot_steps * dt, out)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model.analysis.stability import largest_step, rigid_limit, slip_speedup, slip_time
-from artibot_sim.model.effects import RECORD_DTYPE, has_laws, has_memory, record
+from artibot_sim.model.effects import LAW_DTYPE, RECORD_DTYPE, has_laws, has_memory, record
 from artibot_sim.model.equations.transmission import Mode, back_torque_factor
 from artibot_sim.model.kernels import loop
 from artibot_sim.model.kernels.advance import advance
-from artibot_sim.model.kernels.lane_layout import EXTENDED, extension, flat
+from artibot_sim.model.kernels.lane_layout import EXTENDED, TRANSFERRING, extension, flat
 from artibot_sim.model.kernels.layout import MEMORY, ROW, Grid, KernelInputs, RowTables, RunState
 from artibot_sim.model.kernels.sampling import (
     COLUMNS,
@@ -148,9 +148,11 @@ class Fleet:
     eta : array, shape (r, 4)
         Efficiencies of a first step.
     effects : array of RECORD_DTYPE, shape (r,)
-        Zeros for those without, and for those with laws.
-    laws : mapping of int to record of LAW_DTYPE
-        Effects of the robots with laws, which run one by one, by their numbers.
+        Zeros for those without.
+    laws : array of LAW_DTYPE, shape (r,)
+        The same of robots with laws, with these; empty where none has any.
+    lawful : array of bool, shape (r,)
+        Which have laws.
     extended : array of int, shape (r,)
         Which need the extended model: 0 for none, else which of EXTENDED, from 1.
     share : array, shape (r, tables)
@@ -163,7 +165,8 @@ class Fleet:
     records: NDArray[Any]
     eta: Array
     effects: NDArray[Any]
-    laws: Mapping[int, Any]
+    laws: NDArray[Any]
+    lawful: Mask
     extended: Indices
     share: Array
     sensors: Array
@@ -178,15 +181,15 @@ class Fleet:
             every = [unlimited_beside_prescribed(p, next(iter(modes))) for p in every]
         drives = [(robot.drive.front, robot.drive.back or robot.drive.front) for robot in different]
         effects, extended = np.zeros(len(robots), RECORD_DTYPE), np.zeros(len(robots), np.int64)
-        laws: dict[int, Any] = {}
+        lawful = np.array([has_laws(robot.effects) for robot in robots], dtype=bool)
+        laws = np.zeros(len(robots) if lawful.any() else 0, LAW_DTYPE)
         for i, robot in enumerate(robots):
             found = record(robot.effects, 0.0) if robot.effects else None
             if found is None:
                 continue
-            if has_laws(robot.effects):
+            effects[i] = found[list(effects.dtype.names or ())] if lawful[i] else found
+            if lawful[i]:
                 laws[i] = found
-            else:
-                effects[i] = found
             extended[i] = len(extension(robot.effects) or ())
         share = np.zeros((len(different), len(tables)))
         if free:
@@ -196,16 +199,20 @@ class Fleet:
             -1, len(NO_SENSOR_ERRORS)
         )
         records = np.array(every, dtype=PARAMS_DTYPE)
-        return cls(robots, records[like], eta[like], effects, laws, extended, share[like], sensors[like])
+        return cls(robots, records[like], eta[like], effects, laws, lawful, extended, share[like], sensors[like])
 
 
 def level(fleet: Fleet, items: Items) -> Mask:
-    """Which items stay on a plane and know no laws, shape (n,)."""
+    """Which items lanes take, shape (n,): those that stay on a plane, unless laws might follow loads that move.
+
+    Lanes find what laws do before they know these.
+    """
     from artibot_sim.model.kernels.lane_loading import find_level
 
     found = np.zeros(len(items), bool)
-    extended, lawless = fleet.extended[items.robot] > 0, ~np.isin(items.robot, list(fleet.laws))
-    for rows, effects in ((~extended & lawless, None), (extended & lawless, fleet.effects)):
+    extended = fleet.extended[items.robot] > 0
+    moving = fleet.lawful & np.array(TRANSFERRING)[fleet.extended]
+    for rows, effects in ((~extended, None), (extended & ~moving[items.robot], fleet.effects)):
         if rows.any():
             some = np.zeros(int(rows.sum()), bool)
             find_level(fleet.records, effects, whole(items.robot[rows]), items.q[rows], items.v[rows], some)
@@ -232,8 +239,7 @@ def remembered(items: Items) -> Array:
 
 
 # ----------------------------------------------------------------------
-# Windows one by one, by the kernels of `rollout`: for what does not stay on a plane, has laws, or is asked how
-# wheels slide.
+# Windows one by one, by the kernels of `rollout`: for what does not stay on a plane, or is asked how wheels slide.
 # ----------------------------------------------------------------------
 
 
@@ -284,7 +290,7 @@ def run_window(
     position, velocity = turned_motors(table, part, fleet.sensors[r])
     extra: tuple[Any, ...] = ()
     if fleet.extended[r]:
-        fx = (fleet.laws[r] if r in fleet.laws else fleet.effects[r]).copy()
+        fx = (fleet.laws[r] if fleet.lawful[r] else fleet.effects[r]).copy()
         fx["t"] = items.t[i]
         lags = np.zeros(MEMORY) if items.memory is None else real(items.memory[i])
         extra = fx, (lags,) if has_memory(fleet.robots[r].effects) else ()
@@ -325,8 +331,8 @@ interval.
 class WindowBatch:
     """Runs items; keeps what it can between calls.
 
-    Rovers that stay on a plane run side by side in the processor's vector units (`window_lanes`); the others, those
-    with laws and those of which it is asked how wheels slide or grip, one by one. Both give what `rollout` would, to
+    Rovers that stay on a plane run side by side in the processor's vector units (`window_lanes`); the others, and those
+    of which it is asked how wheels slide or grip, one by one. Both give what `rollout` would, to
     rounding, and neither depends on what else runs. So do robots of three modules or more, of which all that run at
     once have as many (`train_windows`).
 
@@ -386,7 +392,7 @@ class WindowBatch:
 
         def run(part: int, parts: int) -> None:
             for group in groups:
-                self._run_lanes(work, group, part, parts, out)
+                self._run_lanes(fleet, work, group, part, parts, out)
             if len(alone[part::parts]):
                 self._run_alone(fleet, items, alone[part::parts], ends, out)
 
@@ -430,22 +436,28 @@ class WindowBatch:
         rigid, extended = ~fleet.records["two"][robots], fleet.extended[robots]
         free = np.where(rigid, self._knots.front_free[tables], self._knots.free[tables])
         steps = self._knots.steps[tables]
-        kinds = ((steps * 2 + free) * (len(EXTENDED) + 1) + extended) * 2 + rigid  # one number each: quick to sort
+        version = extended * 2 + fleet.lawful[robots]
+        kinds = ((steps * 2 + free) * 2 * (len(EXTENDED) + 1) + version) * 2 + rigid  # one number each: quick to sort
         for kind in np.unique(kinds):
             among = np.flatnonzero(kinds == kind)
             one, mine = among[0], rows[among]
             order = mine[np.argsort(-items.knots[mine], kind="stable")]
             torques = bool(self._plan_table.torques[items.plan[mine]].any())
             most = int(items.knots[order[0]])
-            yield _Group(order, int(steps[one]), bool(free[one]), torques, int(extended[one]), bool(rigid[one]), most)
+            lawful = bool(fleet.lawful[robots[one]])
+            kind_of_all = int(steps[one]), bool(free[one]), torques, int(extended[one]), bool(rigid[one]), lawful
+            yield _Group(order, *kind_of_all, most)
 
-    def _run_lanes(self, work: Any, group: _Group, part: int, parts: int, out: Array) -> None:
+    def _run_lanes(self, fleet: Fleet, work: Any, group: _Group, part: int, parts: int, out: Array) -> None:
         """A thread's part of a group."""
         from artibot_sim.model.kernels import window_lanes
 
         extra: tuple[Any, ...] = (EXTENDED[group.extended - 1],) if group.extended else ()
         if group.rigid:
             extra = (*extra, True) if extra else (None, True)
+        if group.lawful:
+            laws = fleet.laws.copy()  # motion is noted there
+            extra = (*extra, laws) if group.rigid else (*extra, None, laws)
         count, buffers = self._borrow(window_lanes.buffers, group.most + 1)
         settings = np.array([4, 4 if group.free else int(group.torques)], dtype=np.int64)
         window_lanes.run_windows(work, group.order, part, parts, self.dt, group.steps, settings, buffers, out, *extra)
@@ -471,7 +483,11 @@ class WindowBatch:
 
 
 class _Group(NamedTuple):
-    """Items that run side by side: which, steps a knot, `free` motors, `torques` wanted, `rigid` ones, longest one."""
+    """Items that run side by side.
+
+    Which, steps a knot, `free` motors, `torques` wanted, version of the model, `rigid` ones, those with laws, knots of
+    the longest one.
+    """
 
     order: Indices
     steps: int
@@ -479,6 +495,7 @@ class _Group(NamedTuple):
     torques: bool
     extended: int
     rigid: bool
+    lawful: bool
     most: int
 
 
