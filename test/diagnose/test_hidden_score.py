@@ -7,7 +7,7 @@ from math import pi
 import pytest
 from diagnose.hidden.calibrate import advice, chances, leftovers
 from diagnose.hidden.score import is_described, relative_gain, score
-from diagnose.hidden.table import confusion, failures, laws, picture, table
+from diagnose.hidden.table import confusion, failures, laws, names, picture, table
 
 
 def found(value, low=None, high=None):
@@ -161,6 +161,17 @@ def test_what_is_asked_of_laws_is_counted_with_intervals():
         "nothing hidden, a law: 0 of 3, 0.0 … 70.8 %",
         "a listed effect replaced by a law: 0 of 2, 0.0 … 84.2 %",
     ]
+
+
+def test_of_ties_it_is_counted_whether_the_best_one_acts():
+    right, wrong = cause("slope", ["external_force"]), cause("external_force", ["payload"])
+    said = [answer("ambiguous", [one]) for one in (right, wrong)]
+    lines = list(names([*made_up(), *(result("single", 9 + i, one, truth(slope=SLOPE)) for i, one in enumerate(said))]))
+    assert lines[0].startswith("named alone: it acts in 1 of 3,")
+    assert lines[1].startswith("named in a tie: 2 of 5,")
+    assert [line.split(",")[0] for line in lines[2:]] == [
+        "  the best one acts: 1 of 2", "  one of them acts: 1 of 2", "  one of them does not: 2 of 2",
+    ]  # fmt: skip
 
 
 def result(kind, number, said, hidden, severity=1.0):

@@ -17,7 +17,7 @@ from typing import Any
 
 from diagnose.hidden.jobs import KINDS, Job, jobs, kinds_of
 from diagnose.hidden.journal import Journal
-from diagnose.hidden.table import failures, laws, picture, table
+from diagnose.hidden.table import failures, laws, names, picture, table
 from diagnose.hidden.work import WAYS, do
 
 from artibot_sim.cluster import map_tasks
@@ -67,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("stopped; the same command goes on", file=sys.stderr)
         return 130
-    print("\n".join([*failures(results), "", *table(results), "", *laws(results)]))
+    print("\n".join([*failures(results), "", *table(results), "", *names(results), "", *laws(results)]))
     (folder / "confusion.png").write_bytes(picture(results))
     print(f"{len(results)} cases, seed {options.seed}; {folder / 'confusion.png'}")
     return 1 if any("error" in result for result in results) else 0

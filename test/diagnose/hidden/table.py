@@ -75,6 +75,21 @@ def laws(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     yield f"a listed effect replaced by a law: {_counted([bool(one and one.replaced) for one in listed])}"
 
 
+def names(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """How often a name stands alone or ties, and whether what acts is the best of those that tie."""
+    causes = [
+        (cause["effect"], set(cause["ties"]), set(result["truth"]["effects"]))
+        for result in results if "answer" in result for cause in result["answer"]["causes"]
+    ]  # fmt: skip
+    alone = [best in acting for best, ties, acting in causes if not ties]
+    tied = [(best, ties | {best}, acting) for best, ties, acting in causes if ties]
+    yield f"named alone: it acts in {_counted(alone)}"
+    yield f"named in a tie: {with_interval(len(tied), len(causes))} of all that is named; of these"
+    yield f"  the best one acts: {_counted([best in acting for best, _, acting in tied])}"
+    yield f"  one of them acts: {_counted([bool(among & acting) for _, among, acting in tied])}"
+    yield f"  one of them does not: {_counted([bool(among - acting) for _, among, acting in tied])}"
+
+
 def with_interval(hits: int, of: int) -> str:
     """A share of cases, and its 95 % binomial interval (Clopper and Pearson)."""
     if not of:
