@@ -64,11 +64,11 @@ class Evidence:
     Attributes
     ----------
     gained : float
-        Nats of log-likelihood over the baseline.
+        Nats of log-likelihood over the baseline, noise of the rotations taken off (`unbent`).
     occam : float
         Nats that its freedom costs (Laplace's approximation): negative.
     own : array, shape (k,)
-        The effect's coordinates.
+        The effect's coordinates, as they would be without that noise.
     covariance : array, shape (k, k)
     by_window : array, shape (windows,)
         What each window gains, nats, parameters' priors left out; empty where it is not known.
@@ -110,7 +110,7 @@ def evidence(rival: Rival, best: Fit, excess: float = 0.0) -> Evidence:
     rival : Rival
     best : Fit
     excess : float
-        Cost of the baseline that is noise of the rotations (`excess_of`).
+        Cost of the baseline that is noise of the rotations, and not of the rival (`excess_of`).
     """
     problem, point, loss = rival.problem, rival.fit.point, rival.fit.loss
     free = free_parameters(problem)
@@ -120,9 +120,26 @@ def evidence(rival: Rival, best: Fit, excess: float = 0.0) -> Evidence:
     covariance = np.asarray(np.linalg.inv(reduced.matrix + prior[np.ix_(list(free), list(free))]), float)
     size = len(rival.effect_coordinates)
     mine = covariance[-size:, -size:]
-    gained = 0.5 * (best.point.cost - excess - point.cost)
+    gained = 0.5 * (best.point.cost - point.cost)
     by_window = 0.5 * (best.point.losses - point.losses)
-    return Evidence(gained, occam(rival.trial.hypothesis, mine), rival.effect_coordinates, mine, by_window)
+    share = unbent(gained, 0.5 * excess)
+    own = share * rival.effect_coordinates
+    return Evidence(share**2 * gained, occam(rival.trial.hypothesis, mine), own, mine, by_window)
+
+
+def unbent(gained: float, excess: float) -> float:
+    """The share of an effect's size that is left without what noise of the rotations makes of it.
+
+    At the share x of the size that was fitted an effect gains G (1 - (1 - x)²), E x of which the noise alone gives:
+    forces that answer the rotations less make less noise of it. What is left is most at x = 1 - E / 2 G, and there
+    G x².
+
+    Parameters
+    ----------
+    gained, excess : float
+        G and E, nats.
+    """
+    return max(0.0, 1.0 - 0.5 * excess / gained) if gained > 0.0 else 1.0
 
 
 def scatter(gained: Array) -> float:

@@ -10,7 +10,7 @@ import pytest
 from artibot_sim.diagnose.candidates.hypotheses import Hypothesis, with_effect
 from artibot_sim.diagnose.candidates.screening import Trial
 from artibot_sim.diagnose.commands.view import CommandView, command_view
-from artibot_sim.diagnose.selection.evidence import Evidence, scatter, together
+from artibot_sim.diagnose.selection.evidence import Evidence, scatter, together, unbent
 from artibot_sim.diagnose.selection.joint_fits import Rival
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import Extension
@@ -81,3 +81,17 @@ def test_what_windows_lose_tells_how_much_chance_gives(draw: str) -> None:
     few = np.zeros(200)
     few[:3] = 50.0  # it acts in few windows
     assert scatter(few) == 0.0
+
+
+@pytest.mark.parametrize(("gained", "excess"), [(302.9, 281.1), (86.7, 67.7), (20.0, 0.0), (13.0, 247.8)])
+def test_noise_of_the_rotations_is_taken_off_where_it_leaves_most(gained: float, excess: float) -> None:
+    """Of all shares of a fitted size that one is best at which noise gives little and the effect much."""
+    shares = np.linspace(0.0, 1.0, 10001)
+    left = gained * (1.0 - (1.0 - shares) ** 2) - excess * shares
+    share = unbent(gained, excess)
+    assert share == pytest.approx(shares[np.argmax(left)], abs=1e-4)
+    assert share**2 * gained == pytest.approx(left.max(), abs=1e-4)
+
+
+def test_what_gains_nothing_is_left_as_it_is() -> None:
+    assert unbent(-3.0, 10.0) == unbent(0.0, 0.0) == 1.0
