@@ -74,7 +74,7 @@ NATS_TAIL = Number(
 )  # fmt: skip
 NATS_BIASED = Number(
     102.0, "nats",
-    "the floor of back_friction and com_offset, which what is left of the encoders' noise can look like", NULL, "yes",
+    "the floor of com_offset, which with nothing hidden once gained more than others", NULL, "yes",
 )  # fmt: skip
 MARGIN = Number(
     2.0, "σ", "an effect's evidence over what is asked of it, at least, by how much windows scatter that it explains "
@@ -195,7 +195,7 @@ class Thresholds:
         Nats. A false alarm in `false_alarm_rate` of recordings with nothing hidden takes `floor` + `tail` ·
         log(1 / rate).
     biased : mapping of str to float
-        The floor of effects that what is left of the sensors' errors can look like.
+        The floor of effects of which more is asked.
     distance : float
         Standard deviations from neutral.
     size : float
@@ -210,9 +210,7 @@ class Thresholds:
 
     floor: float = NATS_FLOOR
     tail: float = NATS_TAIL
-    biased: Mapping[str, float] = field(
-        default_factory=lambda: dict.fromkeys(("back_friction", "com_offset"), NATS_BIASED)
-    )
+    biased: Mapping[str, float] = field(default_factory=lambda: {"com_offset": NATS_BIASED})
     distance: float = LEAST_DISTANCE
     size: float = LEAST_SIZE
     margin: float = MARGIN

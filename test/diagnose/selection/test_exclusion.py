@@ -48,10 +48,10 @@ def test_the_soil_s_freedom_counts() -> None:
 
 
 def test_an_effect_that_asks_for_more_evidence_is_excluded_from_a_larger_size_on() -> None:
-    name = "back_friction"
+    name = "com_offset"
     assert THRESHOLDS.more(name) > 0.0
     lenient = replace(THRESHOLDS, biased={})
-    strict, plain = (excluded([trial(name, 0.02, 0.02)], LEAST, t)["scale"] for t in (THRESHOLDS, lenient))
+    strict, plain = (excluded([trial(name, 0.02, 0.02)], LEAST, t)["x"] for t in (THRESHOLDS, lenient))
     assert strict > plain
 
 
