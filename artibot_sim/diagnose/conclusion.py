@@ -11,7 +11,14 @@ from artibot_sim.diagnose.commands.model import FILTER
 from artibot_sim.diagnose.commands.view import CommandView
 from artibot_sim.diagnose.policy import MINOR_COMMANDS, MOST_EFFECTS
 from artibot_sim.diagnose.records import ChannelGain, SlowResidual
-from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noise, leaves_more_than_noise, remains
+from artibot_sim.diagnose.remains import (
+    COMMANDED,
+    FORCES,
+    beyond_noise,
+    far_beyond_noise,
+    leaves_more_than_noise,
+    remains,
+)
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.per_recording import ByRecording, fitted_by_recording
 from artibot_sim.diagnose.timetable import Timetable
@@ -415,10 +422,6 @@ class CommandFacts:
         robot = self._found.problem.parameters.robot_at(self._found.fit.point.coordinates)
         stated = {one.effect: {name: found.value for name, found in one.found.items()} for one in named if one.found}
         return replace(robot, effects={**robot.effects, **stated})
-
-
-FORCES = frozenset({"torque_front", "torque_back", "articulation_yaw"})
-"""Channels in which a force shows that no list has; poses and rates only show that something is not as predicted."""
 
 
 def shows_forces(decision: Decision) -> bool:

@@ -107,7 +107,13 @@ LEFT_OF_POSITION = Number(
     "no: 30 times what nothing hidden leaves",
 )  # fmt: skip
 FAR_BEYOND_NOISE = Number(
-    2.0, "–", "times its limit, from which a channel leaves far more than noise", UNLISTED, "no: as the line above"
+    2.0,
+    "–",
+    "times its limit, from which a channel leaves far more than noise; in torques and a joint's angle the worst tenth "
+    "of the windows may leave so many times what the middle one may: nothing hidden and effects named rightly leave "
+    "1.7 there, a drag of a motor's first turns 656",
+    UNLISTED,
+    "no: as the line above",
 )
 LEFT_OF_COMMANDS = Number(
     50.0, "white noise",

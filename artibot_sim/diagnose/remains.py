@@ -23,6 +23,8 @@ COMMANDED = "front_velocity"
 """The channel in which commands show."""
 MOVED = ("yaw", "yaw_rate", "articulation_yaw", "torque_front", "torque_back")
 """Channels that forces move."""
+FORCES = frozenset({"torque_front", "torque_back", "articulation_yaw"})
+"""Channels in which a force shows that no list has; poses and rates only show that something is not as predicted."""
 LIMITS: Mapping[str, float] = {
     "position": LEFT_OF_POSITION, **dict.fromkeys(MOVED, LEFT_OF_MOTION), COMMANDED: LEFT_OF_COMMANDS,
 }  # fmt: skip
@@ -68,16 +70,18 @@ def _from_rotations(problem: Problem, point: Point) -> Parts:
 def beyond_noise(left: Mapping[str, SlowResidual], times: float = 1.0) -> tuple[str, ...]:
     """Channels in which a force may be at work that the fit does not know: so many times beyond their limit.
 
-    Of what forces move the window in the middle decides, or the tenth of them that is worst where that leaves
-    `FAR_BEYOND_NOISE` times as much: a drag that fades is in the first ones only. Single windows that began on another
-    branch are no force. Of commands it is the tenth that is worst: what stands between a command and its motor shows at
-    starts and stops.
+    Of what forces move the window in the middle decides: single ones that began on another branch are no force. Of
+    channels in which a force shows by itself it is the tenth that is worst, too, where that leaves `FAR_BEYOND_NOISE`
+    times as much: a drag that fades is in the first windows only. Poses tell no such force from ground that is another
+    one there. Of commands it is the worst tenth: what stands between a command and its motor shows at starts and stops.
     """
     return tuple(name for name, one in left.items() if _size(name, one) > times * LIMITS.get(name, np.inf))
 
 
 def _size(name: str, one: SlowResidual) -> float:
-    return one.worst if name == COMMANDED else max(one.typical, one.worst / FAR_BEYOND_NOISE)
+    if name == COMMANDED:
+        return one.worst
+    return max(one.typical, one.worst / FAR_BEYOND_NOISE) if name in FORCES else one.typical
 
 
 def far_beyond_noise(left: Mapping[str, SlowResidual]) -> tuple[str, ...]:

@@ -49,6 +49,15 @@ def test_wheels_that_are_measured_badly_are_no_force_and_other_ground_is_one(pol
     assert "yaw" in left(seen, softer)
 
 
+def test_a_force_in_few_windows_is_more_than_noise_where_forces_show() -> None:
+    """As a drag that fades is; poses miss as much in a few windows of ground that varies."""
+    few = SlowResidual(1.2, 50.0)
+    for name in ("torque_front", "torque_back", "articulation_yaw"):
+        assert beyond_noise({name: few}) == (name,)
+        assert not beyond_noise({name: SlowResidual(1.2, 1.7)})
+    assert not beyond_noise({"yaw": few, "yaw_rate": few, "position": few})
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_stamps_that_scatter_with_heavy_tails_leave_white_noise(seed: int) -> None:
     seen = recorded(
