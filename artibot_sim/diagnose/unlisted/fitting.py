@@ -283,10 +283,17 @@ def _by_sensitivities(base: Around, name: str) -> list[_Law]:
 
 
 def _simplest(laws: Sequence[_Law]) -> _Law | None:
-    """The one that explains most; of those that tie with it one with the fewest numbers."""
+    """The one that explains most; of those that tie with it one with the fewest numbers, and then variables.
+
+    Of a joint that bends to one side only, a spring and friction that grows with the angle are the same force.
+    """
     least = min((law.point.cost for law in laws), default=0.0) + 2.0 * TIE
     close = [law for law in laws if law.point.cost <= least]
-    return min(close, key=lambda law: (len(law.extension), law.point.cost), default=None)
+    return min(
+        close,
+        key=lambda law: (len(law.extension), law.found.candidate.form.times != "", law.point.cost),
+        default=None,
+    )
 
 
 def _a_few_of_each(found: Sequence[ForceCandidate]) -> list[ForceCandidate]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from artibot_sim.diagnose.unlisted.fitting import extension_of, law_of
+from artibot_sim.diagnose.policy import TIE
+from artibot_sim.diagnose.unlisted.fitting import _simplest, extension_of, law_of
 from artibot_sim.diagnose.unlisted.forms import UNITS, Form, amplitude, edges, forms, products, waves
 from artibot_sim.diagnose.unlisted.search import ForceCandidate
 from artibot_sim.diagnose.words import NOTHING
@@ -116,3 +119,17 @@ def test_what_the_model_has_no_term_for_stays_in_words() -> None:
     assert law_of(candidate("front horizontal force", towards, np.ones(3))) is None
     assert law_of(candidate("front yaw moment", wandering, np.ones(5))) is None
     assert law_of(candidate("lateral force of each wheel", own_phase, np.ones(4))) is None
+
+
+def test_of_laws_that_tie_the_one_of_one_variable_is_chosen() -> None:
+    """A joint that bends to one side only has the same torque from a spring and from friction that grows with it."""
+
+    def fitted(cost: float, numbers: int, times: str) -> SimpleNamespace:
+        form = SimpleNamespace(times=times)
+        found = SimpleNamespace(candidate=SimpleNamespace(form=form))
+        return SimpleNamespace(extension=range(numbers), found=found, point=SimpleNamespace(cost=cost))
+
+    spring, product = fitted(100.0 + TIE, 1, ""), fitted(100.0, 1, "articulation angle")
+    assert _simplest([product, spring]) is spring
+    assert _simplest([product, fitted(100.0 + 3.0 * TIE, 1, "")]) is product
+    assert _simplest([product, fitted(100.0, 2, "")]) is product
