@@ -28,7 +28,7 @@ SCAN = np.log1p(np.array([-0.35, -0.27, -0.2, -0.14, -0.09, -0.05, -0.025, 0.025
 """Changes of mu_s tried at every step, as logarithms: its gradient is zero almost everywhere (eq. 16 switches)."""
 FINE = np.array([-0.015, -0.008, -0.004, -0.002, 0.002, 0.004, 0.008, 0.015])
 """Changes of mu_s tried near the end of a search, as logarithms."""
-FOLLOWED = np.array([-0.02, -0.006, 0.006, 0.02])
+FOLLOWED = (-0.02, 0.02, -0.006, 0.006)
 """Changes of mu_s, as logarithms, that all else may follow before they are judged."""
 JUMPS = (1.12, 1.27, 1.5, 2.0, 3.0)
 """mu_s over mu_d, after 1: how far the jump of eq. 16 is opened."""
@@ -57,8 +57,8 @@ _COARSE = 4
 """Steps between two coarse scans of mu_s."""
 _TURNS = (-0.06, -0.03, -0.015, 0.015, 0.03, 0.06)
 """rad, by which a start's heading is turned for another try."""
-_FOLLOWS = 6
-"""Scans at most in which all else follows mu_s."""
+_FOLLOWS = 12
+"""Changes of mu_s at most that all else follows."""
 _CLOSE = 1.15
 """An end whose loss is larger than the best one's by this factor is not gone on from."""
 _SAME = 10.0
@@ -369,20 +369,26 @@ def coarse_to_fine_scan(problem: Problem, loss: Loss, point: Point) -> Point:
 
 
 def followed_scan(problem: Problem, loss: Loss, point: Point, free: Sequence[int]) -> Point:
-    """The best of the same point with other mu_s, judged after two steps of all else; repeated while it gains.
+    """The point with other mu_s, each judged after two steps of all else, until no change gains.
 
     When a wheel breaks away depends on its load and its force as well as on mu_s. Changed alone, any of these makes it
     do so at another instant than measured, and the loss rises on both sides at once, as from the bottom of a V. Where
     they change together, as a load and mu_s do, the bottom of the V falls on, and no scan of mu_s by itself sees it.
+
+    A change that gains is taken and made again, until it gains no more.
     """
     if problem.parameters.index(MU_S) is None:
         return point
+    change, in_vain = 0, 0
     for _ in range(_FOLLOWS):
-        ends = [_follows(problem, loss, one, free) for one in _at_other_mu_s(problem, loss, point, FOLLOWED)]
-        best = min(ends, key=lambda p: p.cost)
-        if best.cost > point.cost - _SMALL * max(len(free), 1):
+        (changed,) = _at_other_mu_s(problem, loss, point, [FOLLOWED[change]])
+        end = _follows(problem, loss, changed, free)
+        if end.cost < point.cost - _SMALL * max(len(free), 1):
+            point, in_vain = end, 0
+            continue
+        change, in_vain = (change + 1) % len(FOLLOWED), in_vain + 1
+        if in_vain == len(FOLLOWED):
             break
-        point = best
     return point
 
 
@@ -393,7 +399,7 @@ def _follows(problem: Problem, loss: Loss, point: Point, free: Sequence[int]) ->
     return point
 
 
-def _at_other_mu_s(problem: Problem, loss: Loss, point: Point, changes: Array) -> list[Point]:
+def _at_other_mu_s(problem: Problem, loss: Loss, point: Point, changes: Sequence[float] | Array) -> list[Point]:
     """The point with other mu_s, none where it is not fitted."""
     i = problem.parameters.index(MU_S)
     if i is None:

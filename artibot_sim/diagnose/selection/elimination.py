@@ -69,23 +69,16 @@ def _from_present_soil(problem: Problem, fit: Fit, loss: Loss, which: int, round
 
 def _beside_another_soil(removal: Removal, loss: Loss, rounds: Rounds) -> Removal:
     """The same with a soil that is searched anew, if that fits better."""
-    fit = settled(removal.problem, _another_soil(removal.problem, removal.fit.point, loss), loss, rounds)
+    fit = with_soil_searched(removal.problem, removal.fit.point, loss, rounds)
     gained = 0.5 * (removal.fit.point.cost - fit.point.cost)
     return replace(removal, fit=fit, nats=removal.nats - gained) if gained > 0.0 else removal
 
 
-def fits_from_two_soils(problem: Problem, point: Point, loss: Loss, rounds: Rounds) -> list[Fit]:
-    """Fits of effects beside the soil at `point`, and beside one searched from several starts; the least cost first.
+def with_soil_searched(problem: Problem, point: Point, loss: Loss, rounds: Rounds) -> Fit:
+    """A fit whose soil is searched from several starts, effects as they are at `point`; at last all of it is free.
 
     A soil that was found without an effect makes up for it as far as it can. From there steps seldom lead to the one
     that is right beside it, and what else is missing hides behind the wrong one.
     """
-    begun = [point, _another_soil(problem, point, loss)]
-    fits = side_by_side(lambda one: settled(problem, one, loss, rounds), begun, problem.workers)
-    return sorted(fits, key=lambda one: one.point.cost)
-
-
-def _another_soil(problem: Problem, point: Point, loss: Loss) -> Point:
-    """Where a search from several starts ends, effects as they are at `point`."""
     effects = point.coordinates[len(problem.parameters.parameters) :]
-    return search(problem, Effort(), effects=effects, loss=loss).point
+    return settled(problem, search(problem, Effort(), effects=effects, loss=loss).point, loss, rounds)

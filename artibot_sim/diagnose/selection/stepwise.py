@@ -12,7 +12,7 @@ from artibot_sim.diagnose.commands.view import CommandView
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
-from artibot_sim.diagnose.selection.elimination import Removal, fits_from_two_soils, removal_of, superfluous
+from artibot_sim.diagnose.selection.elimination import Removal, removal_of, superfluous, with_soil_searched
 from artibot_sim.diagnose.selection.every_window import EveryWindow, rivals_for_every_window
 from artibot_sim.diagnose.selection.evidence import others
 from artibot_sim.diagnose.selection.forward import SearchStage, stage, thorough
@@ -248,10 +248,10 @@ class StepwiseSelection:
         problem, fit, loss = self._model.problem, self._model.fit, self._found.loss
         self._ticks.begin(Task.SEARCH, _search_name(self._model.names), named=len(self._model.fitted))
         key = f"{_SOIL} {_search_name(self._model.names)}"
-        found = self._time.within(_SOIL, lambda: self._options.parts.once(
-            key, lambda: fits_from_two_soils(problem, fit.point, loss, self._rounds)
+        anew = self._time.within(_SOIL, lambda: self._options.parts.once(
+            key, lambda: with_soil_searched(problem, fit.point, loss, self._rounds)
         ))  # fmt: skip
-        best, *others = found or [fit]
+        best, *others = sorted([fit] if anew is None else [fit, anew], key=lambda one: one.point.cost)
         self._model = self._model.refitted(problem, best)
         close = best.point.cost + 2.0 * self._options.least
         self._soils = problem, tuple(other.point for other in others if other.point.cost < close)

@@ -9,8 +9,8 @@ import pytest
 from diagnose.turns import EVEN, TURNS
 
 from artibot_sim.diagnose.candidates.hypotheses import with_effect, without_effect
-from artibot_sim.diagnose.selection.elimination import fits_from_two_soils, removal_of, superfluous
-from artibot_sim.diagnose.selection.joint_fits import Rounds
+from artibot_sim.diagnose.selection.elimination import removal_of, superfluous, with_soil_searched
+from artibot_sim.diagnose.selection.joint_fits import Rounds, settled
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge
@@ -88,8 +88,8 @@ def test_a_soil_that_made_up_for_an_effect_gives_way_beside_it(problem: Problem)
     point = evaluate(both, EVEN, [both.parameters.inside(there)], both.starts)[0]
     stuck = converge(both, point, EVEN, Rounds().few)
     assert stuck.point.cost > right.point.cost + 2.0 * LEAST, "it is stuck"
-    found, other = fits_from_two_soils(both, stuck.point, EVEN, Rounds())
-    assert other.point.cost > found.point.cost
+    found = with_soil_searched(both, stuck.point, EVEN, Rounds())
+    assert found.point.cost < settled(both, stuck.point, EVEN, Rounds()).point.cost
     assert found.point.cost <= right.point.cost + 2.0 * Rounds().worth
 
 
