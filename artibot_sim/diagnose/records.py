@@ -397,12 +397,15 @@ class Predictor:
         None for a kinematic model, and where only its errors are known.
     kinematic : bool
         Whether it rolls without forces.
+    alike : tuple of str
+        Names of those that windows drawn anew may put before or behind it, 95 %.
     """
 
     name: str
     errors: Mapping[str, PredictionError]
     robot: Robot | None = None
     kinematic: bool = False
+    alike: tuple[str, ...] = ()
 
     @property
     def score(self) -> float:
@@ -411,8 +414,9 @@ class Predictor:
         return float(np.mean(np.log(errors))) if errors else float("inf")
 
     def is_clearly_worse_than(self, other: Predictor) -> bool:
-        """Whether this one errs by clearly more than another; False where the errors of one are not known."""
-        return bool(self.errors) and bool(other.errors) and self.score > other.score + CLEARLY_WORSE
+        """Whether it errs by clearly and surely more than another; False where the errors of one are not known."""
+        known = bool(self.errors) and bool(other.errors)
+        return known and self.score > other.score + CLEARLY_WORSE and other.name not in self.alike
 
 
 @dataclass(frozen=True)

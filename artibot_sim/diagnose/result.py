@@ -242,7 +242,8 @@ class Diagnosis:
 
 
 def _predictor(one: Predictor) -> dict[str, Any]:
-    return {"name": one.name, "kinematic": one.kinematic, **{n: _numbers(vars(e)) for n, e in one.errors.items()}}
+    errors = {name: _numbers(vars(error)) for name, error in one.errors.items()}
+    return {"name": one.name, "kinematic": one.kinematic, "alike": list(one.alike), **errors}
 
 
 def _cause(cause: Cause, varies: Varies | None) -> dict[str, Any]:

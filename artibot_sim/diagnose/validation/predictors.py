@@ -6,20 +6,24 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from artibot_sim.diagnose.policy import CLEARLY_WORSE
 from artibot_sim.diagnose.records import FILES, GIVEN, HALF_WIDTH, PredictionError, Predictor, Refusal
 from artibot_sim.diagnose.validation.predictions import STEPS
 from artibot_sim.estimation.kinematic import kinematic_models
-from artibot_sim.estimation.measurements import stretches
+from artibot_sim.estimation.measurements import CHANNEL_UNITS, stretches
 from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.windows import Window
 from artibot_sim.experiment import Experiment
-from artibot_sim.identify.result import ChannelFit
-from artibot_sim.identify.validation import PredictedRecording, hold_out
+from artibot_sim.identify.validation import PredictedRecording, end_errors, hold_out
 from artibot_sim.model import Robot
+
+Array = NDArray[np.float64]
 
 CHANNELS = ("position", "yaw")
 """What all of them predict."""
+_DRAWS = 500
 
 
 def predictors(
@@ -48,7 +52,8 @@ def predictors(
     rivals = {} if robot.articulated else kinematic_models(problem)
     seen = [stretches(one, robot, HALF_WIDTH) for one in held]
     found: list[Predictor] = []
-    rolling: list[Predictor] = []
+    ends: list[Ends] = []
+    rolling: dict[str, Ends] = {}
     for name, model in models.items():
         if any(model == one.robot for one in found):
             continue
@@ -58,23 +63,58 @@ def predictors(
             hold_out(one, model, horizon, workers, mine, STEPS, HALF_WIDTH, its)
             for one, its in zip(held, seen, strict=True)
         ]
-        found.append(Predictor(name, pooled([run.summary.final for run in runs]), model))
-        for rival in mine:
-            ends = pooled([run.summary.rivals[rival] for run in runs])
-            rolling.append(Predictor(f"{rival} kinematics", ends, kinematic=True))
-    return (*found, *rolling)
+        ends.append(ends_of([(run.windows, run.residuals) for run in runs]))
+        found.append(Predictor(name, pooled(ends[-1]), model))
+        rolling |= {rival: ends_of([(run.windows, run.rivals[rival]) for run in runs]) for rival in mine}
+    found += [Predictor(f"{rival} kinematics", pooled(its), kinematic=True) for rival, its in rolling.items()]
+    return with_alike(found, [*ends, *rolling.values()])
 
 
-def pooled(fits: Sequence[Mapping[str, ChannelFit]]) -> dict[str, PredictionError]:
-    """Errors of several recordings together, by channel."""
-    found = {}
-    for name in CHANNELS:
-        own = [one[name] for one in fits if name in one]
-        count = sum(one.count for one in own)
-        if count:
-            square = sum(one.count * one.rmse**2 for one in own) / count
-            found[name] = PredictionError(own[0].unit, float(np.sqrt(square)), count)
-    return found
+Ends = Mapping[str, Array]
+"""Errors at the ends of predictions by channel, (windows,) each, SI; NaN where a window's end was not measured."""
+
+
+def ends_of(predicted: Sequence[tuple[Sequence[Window], Sequence[Array]]]) -> Ends:
+    """Errors of several recordings at the ends of predictions, of which each has windows and residuals."""
+    return {
+        name: np.concatenate([np.empty(0), *(end_errors(windows, residuals, name) for windows, residuals in predicted)])
+        for name in CHANNELS
+    }
+
+
+def pooled(ends: Ends) -> dict[str, PredictionError]:
+    """Root mean squares by channel, of those that were measured."""
+    known = {name: error[np.isfinite(error)] for name, error in ends.items()}
+    return {
+        name: PredictionError(CHANNEL_UNITS[name], float(np.sqrt(np.mean(error**2))), len(error))
+        for name, error in known.items()
+        if len(error)
+    }
+
+
+def with_alike(found: Sequence[Predictor], ends: Sequence[Ends]) -> tuple[Predictor, ...]:
+    """Predictors that know which others windows drawn anew may put before or behind them.
+
+    Parameters
+    ----------
+    found : sequence of Predictor
+    ends : sequence of Ends
+        Of each, over the same windows.
+    """
+    squares = np.array([[one[name] ** 2 for name in CHANNELS] for one in ends])
+    squares = squares[:, np.isfinite(squares).any(axis=(0, 2))]
+    if not squares.size:
+        return tuple(found)
+    rng, count = np.random.default_rng(0), squares.shape[-1]
+    drawn = np.stack([np.nansum(squares[..., rng.integers(0, count, count)], axis=-1) for _ in range(_DRAWS)])
+    scores = 0.5 * np.log(np.maximum(drawn, 1e-300)).mean(axis=-1)  # (draws, predictors), but for the windows' number
+    names = [one.name for one in found]
+    told = []
+    for k, one in enumerate(found):
+        low, high = np.quantile(scores - scores[:, k : k + 1], (0.025, 0.975), axis=0)
+        unsure = np.flatnonzero((low <= 0.0) & (high >= 0.0)).tolist()
+        told.append(replace(one, alike=tuple(names[i] for i in unsure if i != k)))
+    return tuple(told)
 
 
 def best_of(found: Sequence[Predictor]) -> Predictor | None:
@@ -87,7 +127,7 @@ def best_of(found: Sequence[Predictor]) -> Predictor | None:
 def refusals(
     found: Sequence[Predictor], models: Mapping[str, Robot], noise: Mapping[str, float] | None = None
 ) -> list[Refusal]:
-    """Fitted models that predict held-out recordings clearly worse than a simpler one, or than a kinematic model.
+    """Fitted models that predict held-out recordings clearly and surely worse than a simpler or a kinematic one.
 
     Parameters
     ----------

@@ -244,7 +244,8 @@ def _from_dict(document: Mapping[str, Any], robot: Robot, baseline_robot: Robot,
 def _predictor(entry: Mapping[str, Any], best: str, robot: Robot | None) -> Predictor:
     """A predictor; of the robots only the best one has a file."""
     found = {name: PredictionError(**entry[name]) for name in CHANNELS if name in entry}
-    return Predictor(entry["name"], found, robot if entry["name"] == best else None, bool(entry["kinematic"]))
+    known = robot if entry["name"] == best else None
+    return Predictor(entry["name"], found, known, bool(entry["kinematic"]), tuple(entry.get("alike", ())))
 
 
 def _float(value: Any) -> float:

@@ -14,7 +14,7 @@ from artibot_sim.diagnose.records import BASELINE, EXTENDED, GIVEN, UNNAMED, Pre
 from artibot_sim.diagnose.result import headline, next_step
 from artibot_sim.diagnose.validation import predictors as module
 from artibot_sim.diagnose.validation.predictions import predicted
-from artibot_sim.diagnose.validation.predictors import best_of, predictors, refusals
+from artibot_sim.diagnose.validation.predictors import best_of, ends_of, pooled, predictors, refusals, with_alike
 from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.identify.problems import problem_of
 from artibot_sim.identify.requested import parameter_set
@@ -57,6 +57,27 @@ def test_an_extension_is_asked_the_same() -> None:
     (said,) = refusals(found, MODELS)
     assert (said.file, said.better, said.holds) == ("extended.yaml", BASELINE, BASELINE), "worse than the simpler fit"
     assert not refusals([*found[:2], predictor(EXTENDED, 0.9, 0.5, NAMED)], MODELS)
+
+
+def test_only_what_windows_drawn_anew_bear_is_refused() -> None:
+    """One window out of twenty makes a fit worse on the whole, by more than is asked; all twenty do as well."""
+    rng = np.random.default_rng(5)
+    given = {"position": rng.uniform(0.8, 1.2, 20), "yaw": rng.uniform(0.08, 0.12, 20)}
+    once = {name: error * np.where(np.arange(20) == 7, 2.5, 0.99) for name, error in given.items()}
+    always = {name: 1.15 * error for name, error in given.items()}
+    models = {GIVEN: AGRIQ, BASELINE: SOFT}
+    for fitted, sure in ((once, False), (always, True)):
+        ends = [given, fitted]
+        found = [Predictor(name, pooled(one), models[name]) for name, one in zip(models, ends, strict=True)]
+        assert found[1].score > found[0].score + 0.05
+        told = with_alike(found, ends)
+        assert bool(refusals(told, models)) is sure
+        assert told[1].alike == (() if sure else (GIVEN,)) and told[1].is_clearly_worse_than(told[0]) is sure
+
+
+def test_models_of_which_nothing_is_held_out_are_told_apart_by_nothing() -> None:
+    empty = ends_of([])
+    assert with_alike([Predictor(GIVEN, pooled(empty), AGRIQ)], [empty]) == (Predictor(GIVEN, {}, AGRIQ),)
 
 
 def test_what_beats_all_dynamic_models_is_said() -> None:
