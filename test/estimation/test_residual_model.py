@@ -31,7 +31,7 @@ def test_trees_as_arrays_say_what_scikit_learn_says() -> None:
     found = boosted(seen, targets, seed=7, leaf=5)
     for k in range(2):
         own = ensemble.GradientBoostingRegressor(
-            n_estimators=100, max_depth=3, learning_rate=0.1, subsample=0.7, min_samples_leaf=5, random_state=7,
+            n_estimators=200, max_depth=3, learning_rate=0.05, subsample=0.7, min_samples_leaf=5, random_state=7,
             loss="huber",
         ).fit(seen, targets[:, k])  # fmt: skip
         assert found(new)[:, k] == pytest.approx(own.predict(new), rel=1e-9, abs=1e-12)
