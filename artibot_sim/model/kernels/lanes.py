@@ -21,8 +21,6 @@ from artibot_sim.model.effects.force_law import (
     LawForces,
     LocalMotion,
     bent,
-    note_angles,
-    note_module,
     range_of,
     value,
 )
@@ -69,6 +67,7 @@ from artibot_sim.model.kernels.lane_layout import (
     with_forces,
 )
 from artibot_sim.model.kernels.layout import BEHIND, FRONT, MEMORY, MOTOR
+from artibot_sim.model.kernels.plane_step import note_level
 from artibot_sim.model.kernels.steps import STAGE, next_stage, next_stage_of_lag, stage_time
 
 
@@ -384,19 +383,11 @@ def facing(S, e, module):
 
 @inlined
 def note_lane(S, e, motion, rigid):
-    """Note what laws see of a lane's rover, as `plane_step.note_level` does."""
-    f, (s_f, c_f) = motion_of(S, AT.Q_S + e, AT.V_S + e), facing(S, e, FRONT)
-    forward, left = c_f * f.x_dot + s_f * f.y_dot, c_f * f.y_dot - s_f * f.x_dot
-    note_module(motion, FRONT, f.x, f.y, f.gamma, forward, left, f.gamma_dot)
+    """Note what laws see of a lane's rover."""
+    front, behind = motion_of(S, AT.Q_S + e, AT.V_S + e), motion_of(S, AT.Q_S + 3 * LANES + e, AT.V_S + 3 * LANES + e)
     th, ta = four(S, AT.Q_S + MOTORS + e), four(S, AT.TAU + e)
-    right_f, left_f, right_b, left_b = ta[0] * th[0], ta[1] * th[1], ta[2] * th[2], ta[3] * th[3]
-    if rigid is None:
-        b, (s_b, c_b) = motion_of(S, AT.Q_S + 3 * LANES + e, AT.V_S + 3 * LANES + e), facing(S, e, BEHIND)
-        forward, left = c_b * b.x_dot + s_b * b.y_dot, c_b * b.y_dot - s_b * b.x_dot
-        note_module(motion, BEHIND, b.x, b.y, b.gamma, forward, left, b.gamma_dot)
-        note_angles(motion, right_f, left_f, right_b, left_b, b.gamma - f.gamma, b.gamma_dot - f.gamma_dot)
-    else:
-        note_angles(motion, right_f, left_f, 0.0, 0.0, 0.0, 0.0)
+    turned = ta[0] * th[0], ta[1] * th[1], ta[2] * th[2], ta[3] * th[3]
+    note_level(motion, rigid is None, turned, front, behind, facing(S, e, FRONT) + facing(S, e, BEHIND))
 
 
 @inlined
@@ -502,11 +493,8 @@ def move_modules(S, fx, laws, t):
         turn_f, turn_b = f.gamma - S[AT.FACING + e], b.gamma - S[AT.FACING + LANES + e]
         s_f, c_f = turn_by(turn_f, S[AT.SINE + e], S[AT.COSINE + e])
         s_b, c_b = turn_by(turn_b, S[AT.SINE + LANES + e], S[AT.COSINE + LANES + e])
-        front, back, effects = (
-            body_of(S, AT.BODY_F + e),
-            body_of(S, AT.BODY_B + e),
-            effects_and_forces(S, fx, laws, e, t),
-        )
+        front, back = body_of(S, AT.BODY_F + e), body_of(S, AT.BODY_B + e)
+        effects = effects_and_forces(S, fx, laws, e, t)
         rims, angles = four(S, AT.RIM + e), (0.0, 0.0, 0.0, 0.0)
         if fx is not None:
             th, ta = four(S, q + MOTORS), four(S, AT.TAU + e)

@@ -256,19 +256,31 @@ def side_moves(body, p, fx, unit, motor, on, lags, dt, torques):
 
 
 @inlined
-def note_level(p, fx, q, f, b, trig):
-    """With effects: what laws may see of a level rover, whose modules move as `f` and `b` (`Motion`)."""
-    motion, (s_f, c_f, s_b, c_b) = motion_in(fx), trig
+def note_level(motion, two, turned, f, b, trig):
+    """Note what laws may see of a level rover.
+
+    Parameters
+    ----------
+    motion : record
+        See `force_law.note_module`.
+    two : bool
+        Whether there is a module behind.
+    turned : tuple of 4 floats
+        Angles of the motors' wheels, rad.
+    f, b : Motion
+    trig : tuple of 4 floats
+        Sine and cosine of the front module's yaw, then of the back one's.
+    """
+    s_f, c_f, s_b, c_b = trig
     forward, left = c_f * f.x_dot + s_f * f.y_dot, c_f * f.y_dot - s_f * f.x_dot
     note_module(motion, FRONT, f.x, f.y, f.gamma, forward, left, f.gamma_dot)
-    right_f, left_f = p.right_front.tau * q[6], p.left_front.tau * q[7]
-    if not p.two:
-        note_angles(motion, right_f, left_f, 0.0, 0.0, 0.0, 0.0)
+    if not two:
+        note_angles(motion, turned[0], turned[1], 0.0, 0.0, 0.0, 0.0)
         return
     forward, left = c_b * b.x_dot + s_b * b.y_dot, c_b * b.y_dot - s_b * b.x_dot
     note_module(motion, BEHIND, b.x, b.y, b.gamma, forward, left, b.gamma_dot)
-    right_b, left_b = p.right_back.tau * q[8], p.left_back.tau * q[9]
-    note_angles(motion, right_f, left_f, right_b, left_b, b.gamma - f.gamma, b.gamma_dot - f.gamma_dot)
+    bend, bend_rate = b.gamma - f.gamma, b.gamma_dot - f.gamma_dot
+    note_angles(motion, turned[0], turned[1], turned[2], turned[3], bend, bend_rate)
 
 
 @inlined
@@ -281,7 +293,9 @@ def level_accelerations(at, p, fx, q, v, trig, commands, lags, dt, torques):
     """
     f, b = motions(q, v)
     if fx is not None:
-        note_level(p, fx, q, f, b, trig)
+        turned_f = p.right_front.tau * q[6], p.left_front.tau * q[7]
+        turned_b = p.right_back.tau * q[8], p.left_back.tau * q[9]
+        note_level(motion_in(fx), p.two, turned_f + turned_b, f, b, trig)
     r_f, l_f, soil_rf, soil_lf = module_pairs(at.front, at.ground, fx, f, trig[0], trig[1])
     r_b, l_b, soil_rb, soil_lb = module_pairs(at.back, at.ground, fx, b, trig[2], trig[3])
     one, two, three, four = p.right_front, p.left_front, p.right_back, p.left_back

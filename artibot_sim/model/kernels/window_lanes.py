@@ -216,7 +216,7 @@ def sample_plans(S, rows, work, order, block, h, out):
 
 
 @kernel
-def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, out, fx=None, rigid=None, laws=None):
+def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, out, fx, rigid, laws):
     """Blocks `first`, `first` + `stride`, … of the items in `order`, those with most knots first; samples into `out`.
 
     Parameters
@@ -226,11 +226,11 @@ def run_windows(work, order, first, stride, dt, knot_steps, settings, buffer, ou
         Steps of `dt` (s) from a knot to the next, for all items in `order`.
     settings : array of int, shape (2,)
         4, the stages of a step; at how many of them torques are computed, see `lanes.stage`.
-    fx : tuple, optional
+    fx : tuple or None
         One of EXTENDED for the extended model (`lane_layout`).
-    rigid : bool, optional
+    rigid : bool or None
         Given, all items are of rigid robots (see `lanes`).
-    laws : array of LAW_DTYPE, shape (r,), optional
+    laws : array of LAW_DTYPE, shape (r,), or None
         With `fx`: laws of all robots, as `effects` has the rest, where all items are of robots that have some.
         What rovers do at an instant is noted there: no other thread may have the same.
     """

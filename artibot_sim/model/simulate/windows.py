@@ -150,7 +150,7 @@ class Fleet:
     effects : array of RECORD_DTYPE, shape (r,)
         Zeros for those without.
     laws : array of LAW_DTYPE, shape (r,)
-        The same of robots with laws, with these; empty where none has any.
+        Effects of robots with laws, these among them; empty where no robot has any.
     lawful : array of bool, shape (r,)
         Which have laws.
     extended : array of int, shape (r,)
@@ -332,9 +332,9 @@ class WindowBatch:
     """Runs items; keeps what it can between calls.
 
     Rovers that stay on a plane run side by side in the processor's vector units (`window_lanes`); the others, and those
-    of which it is asked how wheels slide or grip, one by one. Both give what `rollout` would, to
-    rounding, and neither depends on what else runs. So do robots of three modules or more, of which all that run at
-    once have as many (`train_windows`).
+    of which it is asked how wheels slide or grip, one by one. Both give what `rollout` would, to rounding, and neither
+    depends on what else runs. So do robots of three modules or more, of which all that run at once have as many
+    (`train_windows`).
 
     Parameters
     ----------
@@ -444,23 +444,23 @@ class WindowBatch:
             order = mine[np.argsort(-items.knots[mine], kind="stable")]
             torques = bool(self._plan_table.torques[items.plan[mine]].any())
             most = int(items.knots[order[0]])
-            lawful = bool(fleet.lawful[robots[one]])
-            kind_of_all = int(steps[one]), bool(free[one]), torques, int(extended[one]), bool(rigid[one]), lawful
-            yield _Group(order, *kind_of_all, most)
+            yield _Group(
+                order, int(steps[one]), bool(free[one]), torques, int(extended[one]), bool(rigid[one]),
+                bool(fleet.lawful[robots[one]]), most,
+            )  # fmt: skip
 
     def _run_lanes(self, fleet: Fleet, work: Any, group: _Group, part: int, parts: int, out: Array) -> None:
         """A thread's part of a group."""
         from artibot_sim.model.kernels import window_lanes
 
-        extra: tuple[Any, ...] = (EXTENDED[group.extended - 1],) if group.extended else ()
-        if group.rigid:
-            extra = (*extra, True) if extra else (None, True)
-        if group.lawful:
-            laws = fleet.laws.copy()  # motion is noted there
-            extra = (*extra, laws) if group.rigid else (*extra, None, laws)
+        fx = EXTENDED[group.extended - 1] if group.extended else None
+        laws = fleet.laws.copy() if group.lawful else None  # motion is noted there
         count, buffers = self._borrow(window_lanes.buffers, group.most + 1)
         settings = np.array([4, 4 if group.free else int(group.torques)], dtype=np.int64)
-        window_lanes.run_windows(work, group.order, part, parts, self.dt, group.steps, settings, buffers, out, *extra)
+        window_lanes.run_windows(
+            work, group.order, part, parts, self.dt, group.steps, settings, buffers, out,
+            fx, True if group.rigid else None, laws,
+        )  # fmt: skip
         self._spare[window_lanes.buffers].append((count, buffers))
 
     def _run_alone(self, fleet: Fleet, items: Items, rows: Indices, ends: Indices, out: Array) -> None:
