@@ -77,6 +77,7 @@ def command(given: GivenRecordings, robot: str, out: Path, scheduler: str | None
     from artibot_sim.progress import Bar
     from artibot_sim.report.diagnosis.files import files_of
     from artibot_sim.report.diagnosis.page import page_of
+    from artibot_sim.report.diagnosis.terminal import printed
     from artibot_sim.version import __version__
 
     if why := fault_of_folder(out):
@@ -94,7 +95,7 @@ def command(given: GivenRecordings, robot: str, out: Path, scheduler: str | None
     if parts.taken:
         click.echo(f"note: went on from what an earlier call had finished ({parts.taken} of its parts)", err=True)
     console = Console(highlight=False)
-    console.print(found)
+    console.print(printed(found))
     if not can_grow():
         click.echo(f"note: how much is explainable at all is not said: {MISSING}", err=True)
     if options.residual and found.residual is None:

@@ -312,6 +312,11 @@ class Varies:
     over: str = "window"
     length: float = 0.0
 
+    @property
+    def each(self) -> str:
+        """What has a value of its own: a window, a place or a recording; a window, too, where values last a while."""
+        return "window" if self.over == "time" else self.over
+
 
 @dataclass(frozen=True)
 class ErrorBudget:

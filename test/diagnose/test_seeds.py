@@ -24,7 +24,6 @@ from artibot_sim.diagnose.candidates.hypotheses import hypotheses
 from artibot_sim.diagnose.candidates.screening import converged_baseline, screen
 from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.remains import beyond_noise
-from artibot_sim.diagnose.result import headline
 from artibot_sim.diagnose.selection.joint_fits import Rounds, contest
 from artibot_sim.diagnose.selection.per_recording import fitted_by_recording
 from artibot_sim.diagnose.selection.ridge_search import at_size
@@ -34,6 +33,7 @@ from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.solver import evaluate
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import load_robot
+from artibot_sim.report.diagnosis.sentences import headline
 
 Asserted = Callable[[Case], None]
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from browser import Browser
 from report.diagnosis_case import case
+from rich.console import Console
 
 from artibot_sim.cli import main
-from artibot_sim.diagnose import result
 from artibot_sim.diagnose.records import (
     Candidate,
     Cause,
@@ -29,9 +29,11 @@ from artibot_sim.diagnose.words import amount, channel_words, effect_words, forc
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
 from artibot_sim.model.effects import EFFECTS
+from artibot_sim.report.diagnosis import sentences
 from artibot_sim.report.diagnosis.charts import law_curve, path, windows
 from artibot_sim.report.diagnosis.files import files_of, load
 from artibot_sim.report.diagnosis.page import page_of
+from artibot_sim.report.diagnosis.terminal import printed
 from artibot_sim.report.files import write_folder
 
 SLOPE: dict[str, float | str] = {"grade": 0.05, "heading": 1.2}
@@ -54,22 +56,30 @@ def markup(found: Diagnosis) -> str:
     return re.sub(r"<script>.*?</script>", "", page_of(found, "0").decode(), flags=re.S)
 
 
+def as_text(found: Diagnosis) -> str:
+    """What the terminal shows."""
+    console = Console(width=118, highlight=False)
+    with console.capture() as shown:
+        console.print(printed(found))
+    return shown.get()
+
+
 def test_held_out_errors_are_said_channel_by_channel(named: Diagnosis) -> None:
     """On a Husky the position gained a quarter and the heading nothing sure: one sum of both said worse."""
     position, other = named.gain["position"], next(one for one in named.baseline if one != "position")
-    assert "Held-out errors with it: position −" in result.sureness(named)
+    assert "Held-out errors with it: position −" in sentences.sureness(named)
     better = replace(position, before=0.20, after=0.15, ci95=(0.03, 0.07))
     error = 10.0 * named.baseline[other].noise
     unsure = replace(position, before=error, after=1.05 * error, ci95=(-0.1 * error, 0.01 * error))
-    said = result.sureness(replace(named, gain={"position": better, other: unsure}))
+    said = sentences.sureness(replace(named, gain={"position": better, other: unsure}))
     assert f"position −25 %, {channel_words(other)} +5 % (not sure)." in said
     worse = replace(position, before=error, after=1.25 * error, ci95=(-0.4 * error, -0.1 * error))
-    assert f"{channel_words(other)} +25 %." in result.sureness(replace(named, gain={other: worse}))
+    assert f"{channel_words(other)} +25 %." in sentences.sureness(replace(named, gain={other: worse}))
 
 
 def test_a_channel_within_its_noise_has_no_error_to_lose(named: Diagnosis) -> None:
     within = replace(named.gain["position"], before=0.5 * named.baseline["position"].noise)
-    assert "Held-out errors" not in result.sureness(replace(named, gain={"position": within}))
+    assert "Held-out errors" not in sentences.sureness(replace(named, gain={"position": within}))
 
 
 def test_held_out_evidence_of_causes_is_summed(named: Diagnosis) -> None:
@@ -83,7 +93,7 @@ def test_held_out_evidence_of_causes_is_summed(named: Diagnosis) -> None:
         ((20.0, 70.0), "10⁴³ to 1 (surely: at least 10²⁰ to 1)."),
         ((-5.0, 90.0), "10⁴³ to 1 (not sure)."),
     ):
-        assert f"speak for them, {words}" in result.sureness(replace(both, holdout_likelier=likelier))
+        assert f"speak for them, {words}" in sentences.sureness(replace(both, holdout_likelier=likelier))
 
 
 @pytest.mark.parametrize(
@@ -97,13 +107,13 @@ def test_a_tape_tells_an_encoder_scale_from_a_radius(named: Diagnosis, effect: s
     for verdict, causes in ((Verdict.NAMED, (first, tied)), (Verdict.AMBIGUOUS, (tied,))):
         said = replace(named, verdict=verdict, causes=causes, next_experiment=None)
         first_name, second_name = effect.replace("_", " "), rival.replace("_", " ")
-        assert f"either {first_name} or {second_name}" in result.headline(said).lower()
-        assert f"put {radius:.3f} m into wheel.r_w" in result.next_step(said)
-    assert "r_w" not in result.next_step(replace(named, causes=(alone,), next_experiment=None))
+        assert f"either {first_name} or {second_name}" in sentences.headline(said).lower()
+        assert f"put {radius:.3f} m into wheel.r_w" in sentences.next_step(said)
+    assert "r_w" not in sentences.next_step(replace(named, causes=(alone,), next_experiment=None))
 
 
 def test_the_first_sentence_names_cause_size_and_gain(every: dict[Verdict, Diagnosis]) -> None:
-    said = {verdict: result.headline(found) for verdict, found in every.items()}
+    said = {verdict: sentences.headline(found) for verdict, found in every.items()}
     assert said[Verdict.NAMED].startswith("Slope: grade 0.0500 rad (2.9°), heading 1.20 rad (69°). With it, ")
     before, after = (every[Verdict.NAMED].gain["position"].__dict__[k] for k in ("before", "after"))
     assert f"instead of {amount(before, 'm')}" in said[Verdict.NAMED]
@@ -120,15 +130,15 @@ def test_what_is_sure_is_said_beside_what_ties(every: dict[Verdict, Diagnosis]) 
         tied.causes[0], effect="payload", parameters={"mass": EffectEstimate(4.0, "kg", (3.0, 5.0))}, ties=()
     )
     both = replace(tied, causes=(*tied.causes, sure))
-    said = result.headline(both)
+    said = sentences.headline(both)
     assert said.startswith("Payload: mass 4.00 kg; and either slope or external force: these recordings cannot tell")
     assert "which, extended.yaml has slope. With them, predictions" in said
     assert "cause found, another one ties" in markup(both) and "several causes tie" in markup(tied)
     named = replace(both, verdict=Verdict.NAMED, causes=(sure, *tied.causes))
-    assert result.headline(named) == said and "cause found, another one ties" in markup(named)
-    assert result.next_step(named).endswith("Drive an eight of 2 m radius.")
+    assert sentences.headline(named) == said and "cause found, another one ties" in markup(named)
+    assert sentences.next_step(named).endswith("Drive an eight of 2 m radius.")
     many = replace(named, causes=(sure, *(replace(sure, effect=one) for one in ("stribeck", "slope", "torque_scale"))))
-    said = result.next_step(many)
+    said = sentences.next_step(many)
     assert "payload" in said and "then what the other 3 causes claim" in said and "Stribeck" not in said
 
 
@@ -136,9 +146,9 @@ def test_evidence_of_some_windows_is_not_shown_as_that_of_all(named: Diagnosis) 
     """Long recordings are searched in some windows; evidence grows with their number."""
     first, second, *rest = named.ranking
     some = replace(named, ranking=(first, replace(second, windows=0.25), *rest))
-    assert "of the windows" not in str(named) + markup(named)
-    assert result.sureness(some).count("25 % of the windows") == 1
-    shares = re.findall(r"(\d+) % *$", str(some).partition("Parameters")[0], re.M)
+    assert "of the windows" not in as_text(named) + markup(named)
+    assert sentences.sureness(some).count("25 % of the windows") == 1
+    shares = re.findall(r"(\d+) % *$", as_text(some).partition("Parameters")[0], re.M)
     assert set(shares) == {"100", "25"} and shares.count("25") == 1
     assert markup(some).count("25 % of the windows") == 2  # the head, and the table
 
@@ -149,12 +159,12 @@ def test_what_is_on_no_list_is_told_where_it_shows(every: dict[Verdict, Diagnosi
     still = replace(
         found, gain={}, baseline={"position": ChannelBaseline("m", 0.006, 0.004, 0.006), "torque_back": torque}
     )
-    assert "miss the back motors' torque by 0.070 N·m; the sensor's noise is 0.020 N·m" in result.headline(still)
+    assert "miss the back motors' torque by 0.070 N·m; the sensor's noise is 0.020 N·m" in sentences.headline(still)
     lost = replace(still, baseline={"position": ChannelBaseline("m", 0.2, 0.004, 0.5), "torque_back": torque})
-    assert "miss the position by 20 cm" in result.headline(lost)
-    assert "miss the position by 6.0 mm" in result.headline(replace(still, verdict=Verdict.NONE))
+    assert "miss the position by 20 cm" in sentences.headline(lost)
+    assert "miss the position by 6.0 mm" in sentences.headline(replace(still, verdict=Verdict.NONE))
     jumps = replace(still, baseline={"position": ChannelBaseline("m", 0.006, 0.004, 0.006, 0.9)}, verdict=Verdict.NONE)
-    assert result.headline(jumps).endswith("in all the error is no more than noise.")
+    assert sentences.headline(jumps).endswith("in all the error is no more than noise.")
 
 
 def test_effects_beyond_the_dotted_line_have_their_reason_on_the_first_screen(every: dict[Verdict, Diagnosis]) -> None:
@@ -166,12 +176,12 @@ def test_effects_beyond_the_dotted_line_have_their_reason_on_the_first_screen(ev
     none = replace(every[Verdict.NONE], ranking=tuple(strong), threshold=58.0)
     head = markup(none).partition("<main>")[0]
     assert "com offset (167 nats are asked of it); payload (only screened" in head
-    assert "stribeck" not in result.not_named(none)
-    assert result.not_named(none) in " ".join(str(none).split())
-    assert not result.not_named(replace(none, ranking=tuple(strong[2:])))
+    assert "stribeck" not in sentences.not_named(none)
+    assert sentences.not_named(none) in " ".join(as_text(none).split())
+    assert not sentences.not_named(replace(none, ranking=tuple(strong[2:])))
     beside = replace(every[Verdict.NAMED], ranking=(*every[Verdict.NAMED].ranking, strong[1]), threshold=25.0)
-    assert "payload (explained better by slope)" in result.not_named(beside)
-    assert "slope (" not in result.not_named(beside)
+    assert "payload (explained better by slope)" in sentences.not_named(beside)
+    assert "slope (" not in sentences.not_named(beside)
 
 
 def test_the_error_is_said_in_parts(every: dict[Verdict, Diagnosis]) -> None:
@@ -185,19 +195,19 @@ def test_the_error_is_said_in_parts(every: dict[Verdict, Diagnosis]) -> None:
     found = replace(
         every[Verdict.NAMED], baseline=base, error_budget={"position": budget, "yaw": budget}, varies=varies
     )
-    assert result.budget_words(found) == (
+    assert sentences.budget_words(found) == (
         "of the squared error of held-out predictions, position: 25 % what is named takes away, "
         "5 % noise of the sensor, 40 % ground that varies, 30 % unknown."
     )
-    assert result.varies_words(found).startswith("from window to window mu_d or k_t has another value, by ±22 % ")
-    assert result.budget_words(replace(found, error_budget={})) == ""
+    assert sentences.varies_words(found).startswith("from window to window mu_d or k_t has another value, by ±22 % ")
+    assert sentences.budget_words(replace(found, error_budget={})) == ""
     over = {
         "time": "alike for some 40 s",
         "place": "alike within some 40 m",
         "recording": "from recording to recording",
     }
     for name, words in over.items():
-        assert words in result.varies_words(replace(found, varies=replace(varies, over=name, length=40.0)))
+        assert words in sentences.varies_words(replace(found, varies=replace(varies, over=name, length=40.0)))
 
 
 def test_what_varies_comes_back_from_the_file(every: dict[Verdict, Diagnosis], tmp_path: Path) -> None:
@@ -237,7 +247,7 @@ def test_many_causes_are_a_list(named: Diagnosis) -> None:
     tied = replace(cause, effect="stribeck", parameters={}, ties=("stiction",))
     many = replace(named, causes=(cause, *others, tied), unexplained=None)
     head = markup(many).split("<h1>")[1].split("<b>Next:</b>")[0]
-    assert head.startswith(f"4 causes. {result.gain_words(many)}</h1>")
+    assert head.startswith(f"4 causes. {sentences.gain_words(many)}</h1>")
     assert [head.index(f"<li>{said}") for said in ("Slope: grade", "Payload", "Bulldozing")] == sorted(
         head.index(f"<li>{said}") for said in ("Slope: grade", "Payload", "Bulldozing")
     )
@@ -245,14 +255,14 @@ def test_many_causes_are_a_list(named: Diagnosis) -> None:
         "<li>Either stribeck or stiction: these recordings cannot tell which, extended.yaml has stribeck</li>" in head
     )
     few = markup(replace(many, causes=(cause, tied)))
-    assert "causes. With" not in few and result.headline(replace(many, causes=(cause, tied))) in few
+    assert "causes. With" not in few and sentences.headline(replace(many, causes=(cause, tied))) in few
 
 
 def test_the_page_says_all_that_was_found(every: dict[Verdict, Diagnosis]) -> None:
     for found in every.values():
         text = markup(found)
-        assert result.headline(found).replace("'", "&#x27;") in text
-        for sentence in (*(place.what for place in found.where), *found.warnings, *result.branch_words(found)):
+        assert sentences.headline(found).replace("'", "&#x27;") in text
+        for sentence in (*(place.what for place in found.where), *found.warnings, *sentences.branch_words(found)):
             assert sentence.replace("'", "&#x27;") in text
         assert text.index(found.findings[0]) < text.index("<h1>"), "what is wrong with recordings comes first"
         for candidate in found.ranking:
@@ -393,8 +403,8 @@ def test_a_law_stands_on_the_page_as_a_formula_and_a_curve_with_what_it_gains(ev
     formula += " (size 13 to 15 N, phase 0.3 to 0.5 rad)"
     assert formula in said and formula not in markup(plain)
     assert "What it gains" in said and "What it gains" not in markup(plain)
-    assert "With it as a law of the model, predictions" in result.headline(found)
-    assert "With it" not in result.headline(plain)
+    assert "With it as a law of the model, predictions" in sentences.headline(found)
+    assert "With it" not in sentences.headline(plain)
     curve = law_curve(found.unexplained, "force_law")
     assert curve is not None
     bars, asked, line = curve.lines
@@ -456,16 +466,23 @@ def test_a_folder_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
 def test_report_draws_a_diagnosis_again(named: Diagnosis, tmp_path: Path) -> None:
     write_folder(tmp_path / "found", files_of(named, b"old"))
     assert main(["report", str(tmp_path / "found")]) == 0
-    assert result.headline(named).encode() in (tmp_path / "found" / "report.html").read_bytes()
+    assert sentences.headline(named).encode() in (tmp_path / "found" / "report.html").read_bytes()
     other = tmp_path / "other.html"
     assert main(["report", str(tmp_path / "found" / "diagnosis.json"), "--html", str(other)]) == 0
     assert other.read_bytes() == (tmp_path / "found" / "report.html").read_bytes()
 
 
+def test_its_one_line_has_the_verdict_the_causes_and_the_recordings(every: dict[Verdict, Diagnosis]) -> None:
+    for verdict, found in every.items():
+        line = str(found)
+        assert "\n" not in line and line.startswith(verdict.value)
+        assert all(word in line for word in (*(cause.effect for cause in found.causes), *found.bags, *found.holdout))
+
+
 def test_it_prints(every: dict[Verdict, Diagnosis]) -> None:
     for found in every.values():
-        text = " ".join(str(found).split())
-        assert result.headline(found) in text
+        text = " ".join(as_text(found).split())
+        assert sentences.headline(found) in text
         assert text.startswith(found.findings[0])
         assert all(f"warning: {warning}" in text for warning in found.warnings)
         assert all(channel_words(name) in text for name in found.gain)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from artibot_sim.diagnose.records import DECADE, Comparison, Unexplained
-from artibot_sim.diagnose.result import Diagnosis, excess
+from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.diagnose.validation.residuals import ErrorSamples, gather, sizes
 from artibot_sim.diagnose.words import channel_words, effect_words, is_wrong
 from artibot_sim.experiment.columns import SEGMENT_GAP
@@ -204,7 +204,7 @@ def _binned(x: Floats, size: Floats, edges: Floats) -> tuple[Floats, Floats]:
 def wrong_channels(found: Diagnosis) -> list[str]:
     """Channels that are wrong by much more than their noise, the worst first."""
     names = [name for name, base in found.baseline.items() if is_wrong(name, base)]
-    return sorted(names, key=lambda name: -excess(found, name))
+    return sorted(names, key=lambda name: -found.baseline[name].over_noise)
 
 
 def clearest(found: Diagnosis, channel: str) -> Comparison | None:

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from artibot_sim.diagnose import result
 from artibot_sim.diagnose.records import DECADE, Candidate, EffectEstimate, Unexplained, Verdict
 from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.diagnose.words import (
@@ -27,8 +26,7 @@ from artibot_sim.diagnose.words import (
 from artibot_sim.identify.result import number, spaced
 from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Choice
-from artibot_sim.report.diagnosis import charts as charts
-from artibot_sim.report.diagnosis import charts as panels
+from artibot_sim.report.diagnosis import charts, sentences
 from artibot_sim.report.diagnosis.charts import interval
 from artibot_sim.report.page import Part, render_frame
 from artibot_sim.report.panels import Panel, extent
@@ -298,10 +296,10 @@ def page_of(found: Diagnosis, version: str) -> bytes:
         f"{_findings(found.findings)}"
         f'<p class="verdict {found.verdict.value}">{html.escape(_answer(found))}</p>'
         f"{_headline(found)}"
-        f'<p class="sure">{html.escape(result.sureness(found))}</p>'
-        f"{paragraph(result.not_named(found), 'sure')}"
+        f'<p class="sure">{html.escape(sentences.sureness(found))}</p>'
+        f"{paragraph(sentences.not_named(found), 'sure')}"
         f"{_more(found)}"
-        f'<p class="sure"><b>Next:</b> {html.escape(result.next_step(found))}</p>'
+        f'<p class="sure"><b>Next:</b> {html.escape(sentences.next_step(found))}</p>'
     )
     title = f"{found.robot.name}: {_answer(found)}"
     return render_frame(title, head, parts, _foot(found, version), page.charts, css=CSS, script=SCRIPT)
@@ -309,11 +307,11 @@ def page_of(found: Diagnosis, version: str) -> bytes:
 
 def _headline(found: Diagnosis) -> str:
     """The answer in one sentence; of many causes a list, below what all of them are worth."""
-    causes = result.cause_phrases(found)
+    causes = sentences.cause_phrases(found)
     if len(causes) < _MANY or found.unexplained is not None:
-        return f"<h1>{html.escape(result.headline(found))}</h1>"
-    causes[-1] += result.which_words(found)
-    gained = f"{len(causes)} causes. {result.gain_words(found)}".strip()
+        return f"<h1>{html.escape(sentences.headline(found))}</h1>"
+    causes[-1] += sentences.which_words(found)
+    gained = f"{len(causes)} causes. {sentences.gain_words(found)}".strip()
     return f"<h1>{html.escape(gained)}</h1>{listed([f'{one[:1].upper()}{one[1:]}' for one in causes], 'causes')}"
 
 
@@ -336,9 +334,9 @@ def _findings(lines: Sequence[str]) -> str:
 def _more(found: Diagnosis) -> str:
     """How well predictions could be at best, what varies, and where errors come from, as paragraphs of the head."""
     said = {
-        "How much is explainable": result.explainable_words(found),
-        "What varies": result.varies_words(found),
-        "Where errors come from": result.budget_words(found),
+        "How much is explainable": sentences.explainable_words(found),
+        "What varies": sentences.varies_words(found),
+        "Where errors come from": sentences.budget_words(found),
     }
     return "".join(f'<p class="sure"><b>{head}:</b> {html.escape(words)}</p>' for head, words in said.items() if words)
 
@@ -364,8 +362,8 @@ class _Page:
     def __init__(self, found: Diagnosis) -> None:
         self.found = found
         self.charts: list[dict[str, Any]] = []
-        self.channel = result.headline_channel(found)
-        self.wrong = panels.wrong_channels(found)
+        self.channel = sentences.headline_channel(found)
+        self.wrong = charts.wrong_channels(found)
 
     def place(
         self, drawing: Mapping[str, Any] | Panel | None, title: str = "", kind: str = "plot", legend: bool = True
@@ -417,20 +415,20 @@ def listed(lines: Sequence[str], name: str = "") -> str:
 def _first_screen(page: _Page) -> Part:
     """The picture under the sentence: measured, paper's model, extended model; and all channels beside it."""
     found = page.found
-    run = panels.clearest(found, page.channel) if page.channel else None
+    run = charts.clearest(found, page.channel) if page.channel else None
     cells, windows = [], ""
     if run is not None and len(run.path):
         held = "held out" if run.held_out else "fitted"
-        if panels.in_map(run):
-            cells.append(page.place(panels.path(run, f"{run.name} ({held}), predicted {found.horizon:g} s ahead")))
+        if charts.in_map(run):
+            cells.append(page.place(charts.path(run, f"{run.name} ({held}), predicted {found.horizon:g} s ahead")))
         else:
             title = f"{run.name} ({held}), windows of {found.horizon:g} s: a typical, a bad and the worst one"
-            drawn = page.row([page.place(one) for one in panels.windows(run)], "grid3")
+            drawn = page.row([page.place(one) for one in charts.windows(run)], "grid3")
             windows = f"<h3>{html.escape(title)}</h3>{drawn}"
     beside = page.place(charts.before_and_after(found), "Errors against the sensors' noise", "plot low")
     over = ""
     if run is not None and page.channel is not None and page.channel in run.channels:
-        over = page.place(panels.over_time(found, run, page.channel), kind="plot low")
+        over = page.place(charts.over_time(found, run, page.channel), kind="plot low")
     if windows:
         return Part("", windows + page.row([beside, over]))
     cells.append(f'<div class="beside">{beside}{over}</div>')
@@ -463,7 +461,7 @@ def _wrong(page: _Page) -> Part:
     )
     parts = [paragraph(text), baseline(found)]
     for run in found.comparisons:
-        cells = [page.place(panels.over_time(found, run, name)) for name in found.baseline if name in run.channels]
+        cells = [page.place(charts.over_time(found, run, name)) for name in found.baseline if name in run.channels]
         parts.append(folded(f"Errors over time: {run.name}{' (held out)' if run.held_out else ''}", page.row(cells)))
     return section("What is wrong", *parts, opened=False)
 
@@ -481,7 +479,7 @@ def _where(page: _Page) -> Part:
     for index, channel in enumerate(shown):
         title = f"The error of the {channel_words(channel)} on the map"
         cells = [page.place(charts.error_map(found, channel), title, "plot square")]
-        over = panels.over_covariates(found, channel)
+        over = charts.over_covariates(found, channel)
         cells += [page.place(panel, legend=i == 0) for i, panel in enumerate(over)]
         row = page.row(cells, "grid3")
         name = channel_words(channel)
@@ -552,8 +550,10 @@ def _free_runs(page: _Page) -> Part:
         "Whole recordings in one run from their start. The model has several branches (which wheels slide): a run that "
         "takes another one than the rover did goes astray with every parameter right, so none of this is evidence."
     )
-    cells = [page.place(panels.path(run, f"{run.name}: free runs", free=True)) for run in comparisons]
-    return section("Free runs", paragraph(text), listed(result.branch_words(page.found)), page.row(cells), opened=False)
+    cells = [page.place(charts.path(run, f"{run.name}: free runs", free=True)) for run in comparisons]
+    return section(
+        "Free runs", paragraph(text), listed(sentences.branch_words(page.found)), page.row(cells), opened=False
+    )
 
 
 def _excluded(found: Diagnosis) -> Part:
@@ -573,5 +573,5 @@ def _foot(found: Diagnosis, version: str) -> str:
     said = [
         f"Robot {found.robot.name}; fitted: {', '.join(found.bags)}{held}; seed {found.seed}; {found.seconds:.0f} s."
     ]
-    said += [asked] if (asked := result.threshold_words(found)) else []
+    said += [asked] if (asked := sentences.threshold_words(found)) else []
     return "".join(map(paragraph, (*said, HINT, f"artibot {version}")))

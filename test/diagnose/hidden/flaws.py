@@ -14,7 +14,7 @@ from diagnose.hidden import logged
 from estimation.logger import FLAWS
 
 from artibot_sim.diagnose import Diagnosis, Options, diagnose
-from artibot_sim.diagnose.result import Cause
+from artibot_sim.diagnose.records import Cause
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot
 

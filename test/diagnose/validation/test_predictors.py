@@ -11,7 +11,6 @@ from report.diagnosis_case import case
 
 from artibot_sim.diagnose.pipeline import with_refusals
 from artibot_sim.diagnose.records import BASELINE, EXTENDED, GIVEN, UNNAMED, PredictionError, Predictor
-from artibot_sim.diagnose.result import headline, next_step
 from artibot_sim.diagnose.validation import predictors as module
 from artibot_sim.diagnose.validation.predictions import predicted
 from artibot_sim.diagnose.validation.predictors import best_of, ends_of, pooled, predictors, refusals, with_alike
@@ -23,6 +22,7 @@ from artibot_sim.identify.validation import hold_out
 from artibot_sim.model import Robot, load_robot
 from artibot_sim.report.diagnosis.files import BEST, files_of, load
 from artibot_sim.report.diagnosis.page import page_of
+from artibot_sim.report.diagnosis.sentences import headline, next_step
 from artibot_sim.report.files import write_folder
 
 AGRIQ, HUSKY = load_robot("agriq"), load_robot("husky")
