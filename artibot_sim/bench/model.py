@@ -133,9 +133,9 @@ HIGH_PASS = 0.05
 """Length of the moving average that ripple is measured from, s."""
 
 
-def high_pass(signal: Array, dt: float, length: float = HIGH_PASS) -> Array:
-    """`signal` (n, …), sampled each `dt` s, less its centred moving average over `length` s; the ends are left out."""
-    half = max(round(0.5 * length / dt), 1)
+def high_pass(signal: Array, dt: float) -> Array:
+    """`signal` (n, …), sampled each `dt` s, less its centred moving average over `HIGH_PASS` s, without the ends."""
+    half = max(round(0.5 * HIGH_PASS / dt), 1)
     width = 2 * half + 1
     total = np.cumsum(np.vstack([np.zeros_like(signal[:1]), signal]), axis=0)
     mean = (total[width:] - total[:-width]) / width
@@ -299,9 +299,9 @@ def all_effects(scenario: Scenario) -> list[Result]:
     ]
 
 
-def soils(robot: Robot, count: int, seed: int = 0) -> list[Robot]:
+def soils(robot: Robot, count: int) -> list[Robot]:
     """Robots on `count` soils: a Latin hypercube over SOIL."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     low, high = np.array(list(SOIL.values())).T
     unit = (np.array([rng.permutation(count) for _ in SOIL]).T + rng.random((count, len(SOIL)))) / count
     return [robot.with_vector(list(SOIL), values) for values in low + unit * (high - low)]

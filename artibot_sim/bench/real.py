@@ -346,9 +346,9 @@ def blocks_of(parts: Sequence[RecordingPart]) -> NDArray[np.int64]:
     return np.concatenate(found)
 
 
-def draws(blocks: NDArray[np.int64], seed: int = 0) -> list[NDArray[np.int64]]:
+def draws(blocks: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """Rows of windows, `_DRAWS` times: blocks drawn with replacement."""
-    rng, count = np.random.default_rng(seed), int(blocks.max()) + 1
+    rng, count = np.random.default_rng(0), int(blocks.max()) + 1
     rows = [np.flatnonzero(blocks == block) for block in range(count)]
     return [np.concatenate([rows[i] for i in rng.integers(0, count, count)]) for _ in range(_DRAWS)]
 

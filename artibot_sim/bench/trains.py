@@ -168,16 +168,16 @@ def _numbers(p: Train, commands: Commands, dt: float) -> tuple[Any, Array]:
     return n, np.array(own)
 
 
-def in_mujoco(robot: Robot, commands: Commands, dt: float = STEP) -> law.MujocoRun:
+def in_mujoco(robot: Robot, commands: Commands) -> law.MujocoRun:
     """A rollout from rest in MuJoCo, RK4, front motors prescribed and those behind under their share (eqs 29, 30)."""
     import mujoco
 
     p = train(robot)
-    model = mujoco.MjModel.from_xml_string(train_model(robot, dt))
+    model = mujoco.MjModel.from_xml_string(train_model(robot, STEP))
     data = mujoco.MjData(model)
     start = initial_state(robot)
     data.qpos[2] = start.q[2]
-    n, own = _numbers(p, commands, dt)
+    n, own = _numbers(p, commands, STEP)
     own = np.column_stack([own, torque_factors(robot)])
     sides, first = 2 * len(p.modules), 6 + 2 * (len(p.modules) - 1)
     fed, load, rims = np.zeros((4, sides)), np.zeros((sides, 2)), np.zeros(sides)
@@ -193,7 +193,7 @@ def in_mujoco(robot: Robot, commands: Commands, dt: float = STEP) -> law.MujocoR
         _train_law(n, own, calls, fed, command, load, rims, first, given)
         calls += 1
 
-    steps, every = round(commands.duration / dt), round(commands.dt / dt)
+    steps, every = round(commands.duration / STEP), round(commands.dt / STEP)
     poses = [data.qpos[[0, 1, 3]].copy()]
     mujoco.set_mjcb_passive(passive)
     try:

@@ -149,12 +149,16 @@ class PoseError:
     slip : Slip
     track : float
         m, between the sides, each of which slips on its own ground.
+
+    Attributes
+    ----------
+    slip : Slip
     drift : float
         Standard deviation of a constant error of the yaw rate, rad/s (a gyroscope's bias).
     """
 
-    def __init__(self, slip: Slip, track: float, drift: float = 0.0) -> None:
-        self.slip, self.drift, self._track = slip, drift, track
+    def __init__(self, slip: Slip, track: float) -> None:
+        self.slip, self.drift, self._track = slip, 0.0, track
         # x, y, yaw of the pose by way, side and drift, whose errors are the same all along
         self._common = [[0.0] * 3 for _ in range(3)]
         self._turned = [[0.0] * 3 for _ in _NODES]  # by an error of the turned angle that is the same all along
@@ -307,13 +311,13 @@ class Odometry:
         return diagonal(slip.travel * speed, slip.side * speed, turned)
 
 
-def measured_slip(robot: Robot, window: float = 1.0) -> Slip:
-    """Root mean square of the three relative errors in simulations of all shipped manoeuvres, over windows (s)."""
+def measured_slip(robot: Robot) -> Slip:
+    """Root mean square of the three relative errors in simulations of all shipped manoeuvres, over windows of 1 s."""
     found: list[list[Array]] = [[], [], []]
     for name in manoeuvre_names():
         for kappa in (0.7, 1.0):
             result = rollout(robot, plan(load_manoeuvre(name), robot).commands(), kappa=kappa, every=10)
-            _add_errors(found, robot, result.q, round(window / float(result.t[1] - result.t[0])))
+            _add_errors(found, robot, result.q, round(1.0 / float(result.t[1] - result.t[0])))
     return Slip(*(float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) for errors in found))
 
 
@@ -335,21 +339,19 @@ def _add_errors(found: list[list[Array]], robot: Robot, q: Array, n: int) -> Non
     found[2].append((true[2] / np.where(moved, way, 1.0))[moved])
 
 
-def normalised_errors(robot: Robot, every: float = 1.0) -> tuple[Array, Array]:
+def normalised_errors(robot: Robot) -> tuple[Array, Array]:
     """Squared errors of odometry by their stated covariance, in simulations on soils other than the robot file's.
 
     Parameters
     ----------
     robot : Robot
         Whose odometry is asked; the one that drives has the friction of `OTHER_SOILS`.
-    every : float
-        Simulated seconds between two values.
 
     Returns
     -------
     two arrays, shape (n,)
-        ``e' P⁻¹ e`` of x, y and yaw, along all shipped manoeuvres, by the covariance that nodes state, and by that
-        for sides that slip alike, as they do here. Their mean is 3 where errors are as stated, less where more is
+        ``e' P⁻¹ e`` of x, y and yaw, each second of all shipped manoeuvres, by the covariance that nodes state, and by
+        that for sides that slip alike, as they do here. Their mean is 3 where errors are as stated, less where more is
         stated than there is.
     """
     stated = {f"odometry.{name}_slip": -1.0 for name in ("travel", "turn", "side")}
@@ -361,13 +363,13 @@ def normalised_errors(robot: Robot, every: float = 1.0) -> tuple[Array, Array]:
             result = rollout(other, plan(load_manoeuvre(name), robot).commands(), kappa=0.8, every=50)
             for squares, same in zip(found, (False, True), strict=True):
                 odometry = Odometry(metres_per_radian(robot), robot.front.i_y, slip, same_ground=same)
-                squares += _squared_errors(odometry, result, every)
+                squares += _squared_errors(odometry, result)
     return np.array(found[0]), np.array(found[1])
 
 
-def _squared_errors(odometry: Odometry, result: Rollout, every: float) -> Iterator[float]:
-    """Squared errors by their covariance along a run, a value every so many s."""
-    n = round(every / float(result.t[1] - result.t[0]))
+def _squared_errors(odometry: Odometry, result: Rollout) -> Iterator[float]:
+    """Squared errors by their covariance along a run, a value every second."""
+    n = round(1.0 / float(result.t[1] - result.t[0]))
     for row, (q, v) in enumerate(zip(result.q, result.v, strict=True)):
         odometry.update((q[6], q[7]), (v[6], v[7]))
         if row and not row % n:

@@ -50,6 +50,8 @@ _EACH = 3
 """and steps from each before half of them are left."""
 _START_SPREAD = np.array([0.1, 0.1, 0.3, 0.7, 0.7, 0.7, 0.3, 1.0])
 """Sizes of random changes of a start, in its prior deviations: what a window's own samples leave open."""
+_TRIES = 12
+"""Random starts of a window, a third of each size."""
 _DRAWN = np.array([0.1, 0.1, 0.3, 1.0, 1.0, 1.0, 1.0, 1.0])
 """Sizes of random changes around a measured start, in its prior deviations: places and headings are aligned to the
 window's path anyway."""
@@ -426,7 +428,7 @@ def restarted_windows(problem: Problem, loss: Loss, point: Point, number: int = 
     return new if new.cost < point.cost else point
 
 
-def randomized_starts(problem: Problem, loss: Loss, point: Point, number: int = 0, tries: int = 12) -> Point:
+def randomized_starts(problem: Problem, loss: Loss, point: Point, number: int = 0) -> Point:
     """The windows that are explained worst try random starts around theirs, in three sizes, the best one polished.
 
     With effects in the fit around the measured one as well: a start that made up for what the model lacked is far from
@@ -440,13 +442,13 @@ def randomized_starts(problem: Problem, loss: Loss, point: Point, number: int = 
         return point
     rng = problem.generator(Draw.STARTS, number)
     some = problem.part(worst.tolist())
-    scale = np.tile([0.15, 0.4, 1.0], -(-tries // 3))[:tries, None, None]
-    moves = rng.normal(size=(tries, len(worst), problem.size)) * problem.start_sd[worst] * scale
+    scale = np.tile([0.15, 0.4, 1.0], _TRIES // 3)[:, None, None]
+    moves = rng.normal(size=(_TRIES, len(worst), problem.size)) * problem.start_sd[worst] * scale
     starts = point.starts[worst] + moves * for_starts(_START_SPREAD, problem.size)
     if problem.parameters.extensions:
-        anew = rng.normal(size=(2 * tries, len(worst), problem.size)) * problem.start_sd[worst]
+        anew = rng.normal(size=(2 * _TRIES, len(worst), problem.size)) * problem.start_sd[worst]
         anew *= for_starts(_DRAWN, problem.size)
-        anew *= np.tile([0.5, 1.0], tries)[:, None, None]
+        anew *= np.tile([0.5, 1.0], _TRIES)[:, None, None]
         starts = np.concatenate([starts, problem.starts[worst] + anew])
     tried = best_of(some, loss, point.coordinates, list(starts))
     kept = some.parts(np.concatenate([point.residuals[k] for k in worst.tolist()]))

@@ -303,11 +303,11 @@ def turning(segments: Sequence[StreamSegment], what: str, by: str) -> Iterator[C
             )
 
 
-def advancing(segments: Sequence[StreamSegment], by: str = "wheels") -> Iterator[ComparisonRows]:
+def advancing(segments: Sequence[StreamSegment]) -> Iterator[ComparisonRows]:
     """Rows of forward motion: along the measured heading, or else unsigned, explained by both wheels."""
     span, most = reach(segments)
     for segment in segments:
-        place, x = segment.points, getattr(segment, by)
+        place, x = segment.points, segment.wheels
         if place is None or x is None:
             continue
         rows, before = spans(place.t, span, x.t[0] + most, x.t[-1] - most)

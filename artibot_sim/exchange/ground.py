@@ -59,21 +59,13 @@ def masses(robot: Robot) -> tuple[float, ...]:
     return tuple(p.front.m - 4.0 * robot.wheel.m_w for p in modules)
 
 
-def left_out(robot: Robot, ground: bool = True) -> Iterator[str]:
-    """Yield what of the model a description in another simulator's words leaves out, a sentence each.
-
-    Parameters
-    ----------
-    ground : whether its friction is written at all.
-    """
+def left_out(robot: Robot) -> Iterator[str]:
+    """Yield what of the model a description in another simulator's words leaves out, a sentence each."""
     contact = robot.contact
-    if ground:
-        yield (
-            f"a sliding wheel keeps mu_s ({contact.mu_s:g}) of its load here, in the model mu_d ({contact.mu_d:g}), "
-            "and longitudinal and lateral slip share one limit there (eq. 16)"
-        )
-    else:
-        yield "friction, which a plain URDF has no words for"
+    yield (
+        f"a sliding wheel keeps mu_s ({contact.mu_s:g}) of its load here, in the model mu_d ({contact.mu_d:g}), "
+        "and longitudinal and lateral slip share one limit there (eq. 16)"
+    )
     yield f"rolling resistance (the load acts u_w = {contact.u_w:g} m ahead of a wheel's centre)"
     yield (
         f"tyres are stiff here; in the model they sink by {_sag(robot) * 1e3:.2g} mm under the rover "

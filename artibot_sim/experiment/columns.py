@@ -179,11 +179,11 @@ def measured_stamps(channels: Mapping[str, Channel]) -> Stamps:
     return np.unique(np.concatenate(stamps)) if stamps else np.empty(0, np.int64)
 
 
-def find_segments(stamps: Stamps, start_ns: int, gap: float = SEGMENT_GAP) -> tuple[tuple[float, float], ...]:
-    """Split sorted stamps (n,) in ns where they are more than `gap` s apart; return (t_start, t_end) in s."""
+def find_segments(stamps: Stamps, start_ns: int) -> tuple[tuple[float, float], ...]:
+    """Split sorted stamps (n,) in ns where they are more than `SEGMENT_GAP` s apart; return (t_start, t_end) in s."""
     if not len(stamps):
         return ()
-    breaks = np.flatnonzero(np.diff(stamps) > round(gap * 1e9))
+    breaks = np.flatnonzero(np.diff(stamps) > round(SEGMENT_GAP * 1e9))
     firsts = stamps[np.concatenate(([0], breaks + 1))]
     lasts = stamps[np.concatenate((breaks, [len(stamps) - 1]))]
     return tuple(

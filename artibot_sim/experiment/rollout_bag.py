@@ -64,7 +64,6 @@ def write_channels(
     metadata: Mapping[str, str] | None = None,
     *,
     latched: Mapping[str, list[tuple[int, bytes]]] | None = None,
-    compression: str = "zstd",
     progress: Report | None = None,
 ) -> Path:
     """Write columns as a contract bag; `read_bag` gives them back.
@@ -76,7 +75,6 @@ def write_channels(
         names them.
     metadata : strings for the `artibot` record.
     latched : channel key → (stamp in ns, CDR bytes) of messages made elsewhere.
-    compression : of the chunks: `zstd`, `lz4` or `none`.
     progress : is called now and then with the share that is done.
 
     Returns
@@ -100,7 +98,7 @@ def write_channels(
     name = folder.resolve().name
     with (
         whole_folder(folder) as partial,
-        BagWriter(partial, metadata, live=False, compression=compression, name=name) as bag,
+        BagWriter(partial, metadata, live=False, name=name) as bag,
     ):
         for key in (*(latched or {}), *tables):
             bag.register(BY_KEY[key].name, BY_KEY[key].ros_type, LATCHED if BY_KEY[key].latched else STATE)
@@ -121,7 +119,6 @@ def write_experiment(
     metadata: Mapping[str, str] | None = None,
     start_ns: int = START_NS,
     keys: tuple[str, ...] | None = None,
-    compression: str = "zstd",
 ) -> Path:
     """Write a rollout as a contract bag.
 
@@ -139,7 +136,6 @@ def write_experiment(
     metadata : strings for the `artibot` record; `robot`, `kappa` and, where it is uneven, `ground` are filled in.
     start_ns : stamp of t = 0.
     keys : channel keys to write (`ground_truth_odom`, …); all if None.
-    compression : of the chunks: `zstd`, `lz4` or `none`.
 
     Raises
     ------
@@ -173,7 +169,6 @@ def write_experiment(
         {key: table for key, table in tables.items() if keys is None or key in keys},
         about | dict(metadata or {}),
         latched={key: messages for key, messages in latched.items() if keys is None or key in keys},
-        compression=compression,
     )
 
 

@@ -25,6 +25,9 @@ from artibot_sim.model import load_robot
 
 Array = NDArray[np.float64]
 
+_DURATION = 45.0
+"""s of a recording."""
+
 
 @dataclass(frozen=True)
 class CoverageTrial:
@@ -65,24 +68,18 @@ class CoverageTrial:
         return cls(**arrays, status=FitStatus(found["status"]), seconds=found["seconds"])
 
 
-def trials(
-    count: int, seed: int, robot: str = "agriq", duration: float = 45.0, recordings: int = 1, first: int = 0
-) -> Iterator[CoverageTrial]:
-    """Identifications of random soils, each from so many recordings; trial k of a seed is always the same."""
-    nominal = load_robot(robot)
+def trials(count: int, seed: int, first: int = 0) -> Iterator[CoverageTrial]:
+    """Identifications of random soils by an Agri.q; trial k of a seed is always the same."""
+    nominal = load_robot("agriq")
     for k in range(first, count):
         rng = np.random.default_rng([seed, k])
         real = random_soil(nominal, rng)
-        drives = [
-            synthetic(
-                real, random_manoeuvre(rng, duration), duration=duration, kappa=float(rng.uniform(0.65, 1.0)),
-                seed=int(rng.integers(2**31)), start=(0.0, 0.0, float(rng.uniform(-np.pi, np.pi))),
-                name=f"trial{k}_{i}",
-            )
-            for i in range(recordings)
-        ]  # fmt: skip
+        drive = synthetic(
+            real, random_manoeuvre(rng, _DURATION), duration=_DURATION, kappa=float(rng.uniform(0.65, 1.0)),
+            seed=int(rng.integers(2**31)), start=(0.0, 0.0, float(rng.uniform(-np.pi, np.pi))), name=f"trial{k}",
+        )  # fmt: skip
         began = time.process_time()
-        result = identify(drives, nominal).result
+        result = identify([drive], nominal).result
         low, high = np.array([e.ci95 for e in result.estimates]).T
         yield CoverageTrial(
             real.as_vector([f"contact.{name}" for name in SOIL]), np.array([e.value for e in result.estimates]), low,

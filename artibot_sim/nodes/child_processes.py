@@ -91,9 +91,9 @@ class Child:
         """Exit status; None while it runs."""
         return self.process.poll()
 
-    def last_lines(self, count: int = 15) -> str:
-        """Return the end of what was printed."""
-        return "\n".join(self.output.rstrip().splitlines()[-count:])
+    def last_lines(self) -> str:
+        """Return the last 15 lines of what was printed."""
+        return "\n".join(self.output.rstrip().splitlines()[-15:])
 
     def send(self, number: int) -> None:
         """Send a signal to the child and to whatever it has started."""

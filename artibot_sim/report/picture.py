@@ -35,18 +35,18 @@ _TOP = 0.75
 """Upper end of the torque axis, N·m: short peaks where the curvature jumps run out of it."""
 
 
-def table6_runs(folder: Path, kappas: Sequence[float] = KAPPAS, robot: str = "agriq") -> list[Experiment]:
-    """Simulate the robot on the trajectory of Table 6 and return the runs, written below `folder`."""
+def table6_runs(folder: Path) -> list[Experiment]:
+    """Simulate an Agri.q on the trajectory of Table 6 and return the runs, written below `folder`."""
     from artibot_sim.model import Status, load_robot, rollout
     from artibot_sim.planning import load_manoeuvre, plan
 
     runs = []
-    for kappa in kappas:
-        rover = load_robot(robot).replace({"control.kappa": kappa})
-        planned = plan(load_manoeuvre(f"table6_{robot}"), rover)
+    for kappa in KAPPAS:
+        rover = load_robot("agriq").replace({"control.kappa": kappa})
+        planned = plan(load_manoeuvre("table6_agriq"), rover)
         result = rollout(rover, planned.commands())
         if result.status is not Status.OK:
-            raise ArtibotError(f"{robot} with kappa {kappa:g}: the simulation ended early: {result.message}")
+            raise ArtibotError(f"agriq with kappa {kappa:g}: the simulation ended early: {result.message}")
         runs.append(read_bag(write_experiment(folder / f"kappa_{kappa:g}", result, planned, rover)))
     return runs
 

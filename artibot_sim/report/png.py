@@ -163,19 +163,19 @@ def line_style(stroke: style.Stroke) -> dict[str, Any]:
     return options | {"alpha": stroke.opacity}
 
 
-def draw_outline(axes: Axes, rover: Outline, opacity: float = 1.0) -> None:
+def draw_outline(axes: Axes, rover: Outline) -> None:
     """Draw a rover: bodies, then wheels."""
     for polygons, colour, edge in ((rover.bodies, style.BODY, "#8d99a6"), (rover.wheels, style.WHEEL, style.WHEEL)):
         for polygon in polygons:
-            axes.fill(*polygon.T, fc=colour, ec=edge, lw=0.6, alpha=opacity, zorder=1.2)
+            axes.fill(*polygon.T, fc=colour, ec=edge, lw=0.6, zorder=1.2)
 
 
-def draw_arrows(axes: Axes, arrows: Arrows, size: float = 8.0) -> None:
+def draw_arrows(axes: Axes, arrows: Arrows) -> None:
     """Draw heads of arrows; with equal axes an angle in the data is one in the picture."""
     for x, y, heading in zip(arrows.x, arrows.y, arrows.heading, strict=True):
         head = (3, 0, float(np.degrees(heading)) - 90.0)
         axes.plot(
-            [x], [y], ls="none", marker=head, ms=size, mfc=arrows.stroke.colour, mec=style.PAPER, mew=0.7, zorder=4
+            [x], [y], ls="none", marker=head, ms=8.0, mfc=arrows.stroke.colour, mec=style.PAPER, mew=0.7, zorder=4
         )
 
 

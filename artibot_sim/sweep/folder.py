@@ -109,7 +109,7 @@ def _read(path: Path) -> Any:
         ) from error
 
 
-def groups(path: Path, columns: Sequence[str] | None = None) -> Iterator[dict[str, Any]]:
+def groups(path: Path) -> Iterator[dict[str, Any]]:
     """The table in pieces of at most `ROWS` rows: columns as NumPy arrays, by name (null numbers are NaN)."""
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -117,7 +117,7 @@ def groups(path: Path, columns: Sequence[str] | None = None) -> Iterator[dict[st
     try:
         with pq.ParquetFile(path) as file:
             for i in range(file.num_row_groups):
-                table = file.read_row_group(i, columns=None if columns is None else list(columns))
+                table = file.read_row_group(i)
                 yield {name: table[name].to_numpy() for name in table.column_names}
     except (pa.ArrowInvalid, FileNotFoundError) as error:
         raise ArtibotError(f"{path}: not a table of a sweep ({str(error).splitlines()[0]})") from error

@@ -55,9 +55,7 @@ _AIR_WAY, _AIR_SHARE = 3.0, 0.15
 """m that wheels rolled while the rover went less than this share of it."""
 
 
-def findings(
-    experiment: Experiment, robot: Robot, streams: StreamComparisons | None = None, seed: int = 0
-) -> list[Finding]:
+def findings(experiment: Experiment, robot: Robot, streams: StreamComparisons | None = None) -> list[Finding]:
     """What is wrong with a recording, the serious first.
 
     Parameters
@@ -66,10 +64,8 @@ def findings(
     robot : Robot
     streams : StreamComparisons, optional
         What `compare_streams` found between its leaps.
-    seed : int
-        Of the draws that intervals come from, where it is still to be found.
     """
-    of = streams or compare_streams(without_leaps(experiment, robot), seed)
+    of = streams or compare_streams(without_leaps(experiment, robot))
     found = [*_held(of), *_air(of, robot)]
     if not any(one.name == "in_air" for one in found):
         of, wrong = with_signs(of)

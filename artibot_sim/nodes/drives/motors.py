@@ -182,8 +182,8 @@ class RoverShafts:
 class Flywheels:
     """Four flywheels on a bench, each on its own: for a driver without a rover."""
 
-    def __init__(self, slice_ns: int = LONGEST_SLICE_NS) -> None:
-        self.slice_ns = slice_ns
+    def __init__(self) -> None:
+        self.slice_ns = LONGEST_SLICE_NS
         self._wheels = {motor: InertialShaft() for motor in MOTORS}
         self.shafts: Mapping[str, Shaft] = dict(self._wheels)
 
