@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -51,7 +52,10 @@ def read_document(path: Path, what: str, build: Callable[[Any, str], Built]) -> 
     try:
         if path.stat().st_size > LARGEST:
             raise ArtibotError(f"{path}: larger than {LARGEST} bytes, expected a {what} file")
-        document = yaml.load(path.read_text(encoding="utf-8"), Loader=_Strict)  # which builds plain data alone
+        text = path.read_text(encoding="utf-8")
+        document = yaml.load(text, Loader=_Strict)  # which builds plain data alone
+    except yaml.MarkedYAMLError as error:
+        raise ArtibotError(f"{path}: not a YAML file: {_complaint(error, text)}") from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ArtibotError(f"{path}: not a YAML file: {' '.join(str(error).split())}") from error
     except OSError as error:
@@ -60,6 +64,21 @@ def read_document(path: Path, what: str, build: Callable[[Any, str], Built]) -> 
         return build(document, path.stem)
     except ArtibotError as error:
         raise ArtibotError(f"{path}: {error}") from error
+
+
+def _complaint(error: yaml.MarkedYAMLError, text: str) -> str:
+    """What is wrong with a text of YAML, where, and the mend of two usual mistakes."""
+    what, mark = f"{error.problem}", error.problem_mark
+    if mark is None:
+        return what
+    lines = text.splitlines()
+    line = lines[mark.line] if mark.line < len(lines) else ""
+    mend = ""
+    if re.search(r"\d,\d", line):
+        mend = "; decimals take a point: 0.5"
+    if line[: mark.column + 1].strip(" ").startswith("\t"):
+        mend = "; indent with spaces, not with tabs"
+    return f"line {mark.line + 1}, column {mark.column + 1}: {what}{mend}"
 
 
 def did_you_mean(word: object, known: Iterable[str]) -> str:

@@ -62,6 +62,16 @@ class Words(click.Group):
         """All words, in the table's order."""
         return list(COMMANDS)
 
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The word's stand-in; an unknown word is refused with the one that is like it."""
+        if args[0] not in COMMANDS:
+            from artibot_sim.documents import did_you_mean
+
+            ctx.fail(f"No such command '{args[0]}'{did_you_mean(args[0], COMMANDS) or '.'}")
+        return super().resolve_command(ctx, args)
+
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The word's stand-in, or None."""
         return StandIn(cmd_name, short_help=COMMANDS[cmd_name].help) if cmd_name in COMMANDS else None

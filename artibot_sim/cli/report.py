@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from artibot_sim.progress import Bar
 
 _RESULT, _SWEEP = "diagnosis.json", "sweep.json"
+_RECORDED = (".mcap", ".db3", ".bag", ".zstd")
 
 
 @click.command("report")
@@ -62,7 +63,10 @@ def _kind(path: Path) -> Kind:
     """What makes the page of a result."""
     if path.is_dir():
         kinds = {_RESULT: _diagnosis, _SWEEP: _sweep}
-        return next((kind for name, kind in kinds.items() if (path / name).is_file()), _recordings)
+        kind = next((kind for name, kind in kinds.items() if (path / name).is_file()), _recordings)
+        if kind is _recordings and not any(file.suffix in _RECORDED for file in path.iterdir()):
+            raise ArtibotError(f"{path}: no result in this folder; expected {_RESULT}, {_SWEEP} or a recording (.mcap)")
+        return kind
     if path.suffix == ".json":
         return _by_schema(path)
     return _recordings

@@ -61,7 +61,10 @@ def check_file(file: Path) -> str:
         for magic, what in _OTHERS.items():
             if head.startswith(magic):
                 raise ArtibotError(f"{file}: this is {what.format(file=file, new=file.with_suffix(''))}")
-        raise ArtibotError(f"{file}: not a recording: begins with {head[:8]!r}, expected MCAP's {MAGIC!r}")
+        raise ArtibotError(
+            f"{file}: not a recording: begins with {head[:8]!r}, expected MCAP's {MAGIC!r}; of tables (CSV, Parquet) "
+            "`artibot import` makes recordings"
+        )
     if tail != MAGIC or size < 2 * len(MAGIC) + 29:
         raise ArtibotError(
             f"{file}: cut short or still being written (no MCAP end mark in {size} bytes); run `artibot recover {file}`"

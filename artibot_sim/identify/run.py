@@ -152,8 +152,7 @@ def identify(
     """
     begun, parameters = time.perf_counter(), parameter_set(robot, fit, priors)
     ticks = _Ticks(progress, (effort or Effort()), len(parameters.beside_soil), len(holdout))
-    for experiment in (*recordings, *holdout):
-        require_usable([experiment], robot)
+    require_usable([*recordings, *holdout], robot)
     in_model = "pose_delay" in parameters.robot.effects  # a late pose is the model's own matter then
     timed, later = (on_one_clock(some, parameters.robot, seed, poses=not in_model) for some in (recordings, holdout))
     recordings, holdout = [one.experiment for one in timed], [one.experiment for one in later]

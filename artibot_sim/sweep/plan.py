@@ -248,8 +248,9 @@ def _check_shape(plan: SweepPlan) -> None:
     if plan.method == "latin" and (plan.runs is None or not 1 <= plan.runs <= _MOST):
         raise ArtibotError(f"runs: found {plan.runs}, expected how many runs the hypercube has (--latin 1000)")
     if plan.method == "latin" and plan.runs != 1 and all(len(set(axis.ends)) == 1 for axis in plan.axes):
+        only = ", ".join(f"{axis.key} = {axis.ends[0]}" for axis in plan.axes)
         raise ArtibotError(
-            f"axes: all {plan.runs} runs would be the same, no axis has two values; give one a range, such as "
+            f"axes: all {plan.runs} runs would be the same, no axis has two values ({only}); give one a range, such as "
             "--axis contact.mu_s=0.4:0.9, or leave --latin out"
         )
     if plan.method == "grid" and plan.runs is not None:

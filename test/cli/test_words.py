@@ -56,6 +56,11 @@ def test_a_wrong_word_or_option_is_status_2(args: list[str]) -> None:
     assert "Traceback" not in done.stderr
 
 
+def test_a_word_that_is_like_one_is_answered_with_it() -> None:
+    assert "did you mean 'reproduce'?" in run("reprodcue").stderr
+    assert "did you mean" not in run("xyz").stderr
+
+
 def test_versions_agree() -> None:
     manifest = ET.parse(ROOT / "package.xml").getroot()
     assert manifest.findtext("version") == __version__

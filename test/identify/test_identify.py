@@ -441,6 +441,12 @@ def test_a_recording_without_positions_is_refused(real: Robot) -> None:
         identify([blind], real)
 
 
+def test_what_is_fitted_to_is_not_held_out(real: Robot) -> None:
+    drive = synthetic(real, STRAIGHT, duration=3.0)
+    with pytest.raises(ArtibotError, match=r"given twice; .*--holdout-share"):
+        identify([drive], real, holdout=[drive])
+
+
 def test_each_parameter_that_stays_open_has_a_reason_of_its_own() -> None:
     """Rolling resistance and a lever arm are no scale of forces, and torques would not tell a lever arm."""
     blind = FittedMotion(sliding=0.5, grip=0.6, turning=0.3, torques=False)

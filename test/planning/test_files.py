@@ -95,7 +95,10 @@ ARC = "segments: [{ramp: {speed_m_s: 1, a_max_m_s2: 1}}, {arc: %s}]"
         (ARC % "{radius_m: 1e1, angle_deg: 9}", r"arc.radius_m: found '1e1', expected a number; write 10.0"),
         (ARC % "{radius_m: 2 m, angle_deg: 9}", r"arc.radius_m: found '2 m', expected a number"),
         (ARC % "{radius_m: [2], angle_deg: 9}", r"arc.radius_m: found a list of 1, expected a number"),
-        (ARC % "{radius_m: 2, radius_m: 3, angle_deg: 9}", r"not a YAML file: key 'radius_m' stands twice"),
+        (
+            ARC % "{radius_m: 2, radius_m: 3, angle_deg: 9}",
+            r"not a YAML file: line \d+, column \d+: key 'radius_m' stands twice$",
+        ),
         (ARC % "{radius_m: 2, angle_deg: 0}", r"segments\[1\].arc.angle: found 0"),
         ("segments: [{eight: {radius_m: 2, smooth: 1}}]", r"eight.smooth: found 1, expected true or false"),
         ("segments: [{repeat: {times: 2.5, segments: [stop]}}]", r"repeat.times: found 2.5, expected a whole number"),
@@ -105,7 +108,9 @@ ARC = "segments: [{ramp: {speed_m_s: 1, a_max_m_s2: 1}}, {arc: %s}]"
         ("a_max_m_s2: 0\nsegments: [stop]", "a_max_m_s2: 0 m/s\\^2 is out of bounds"),
         ("description: 3\nsegments: [stop]", "description: found 3, expected text"),
         ("segments: [stop", "not a YAML file"),
-        ("3: 4", "key 3 is not a word"),
+        ("3: 4", "line 1, column 1: key 3 is not a word$"),
+        (ARC % "{radius_m: 2,5, angle_deg: 9}", r"key 5 is not a word; decimals take a point: 0.5$"),
+        ("segments:\n\t- stop", "line 2, column 1: .*; indent with spaces, not with tabs$"),
         ("segments: &s [{repeat: {times: 2, segments: *s}}]", "not a YAML file: .*recursive"),
     ],
 )

@@ -124,6 +124,11 @@ def test_what_is_no_result_is_one_line(
     assert not (tmp_path / "page.html").exists()
 
 
+def test_a_folder_without_a_result_says_what_would_be_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["report", str(tmp_path)]) == 2
+    assert "expected diagnosis.json, sweep.json or a recording" in capsys.readouterr().err
+
+
 def test_two_results_do_not_fit_on_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "x.json").write_text('{"schema": "artibot/identification/1"}')
     assert main(["report", *[str(tmp_path / "x.json")] * 2]) == 2

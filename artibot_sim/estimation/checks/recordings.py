@@ -58,7 +58,8 @@ def require_usable(recordings: Sequence[Experiment], robot: Robot) -> None:
         if _same(one, other):
             again = "" if one.path == other.path else f" (as {one.path})"
             raise ArtibotError(
-                f"{other.path}: given twice{again}; what is fitted to cannot be held out, or count double"
+                f"{other.path}: given twice{again}; what is fitted to cannot be held out, or count double; "
+                "parts of a recording are held out with --holdout-share 0.5"
             )
     require_fitting_wheels(recordings, robot)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -171,6 +172,8 @@ class RecordingProgress:
             f"{elapsed:.0f}{self._of} s, {recorder.taken} messages of {len(recorder.topics)} topics, "
             f"{recorder.bag.bytes_written / 1e6:.1f} MB, {rate:.0f} messages/s"
         )
+        if not recorder.topics:
+            text += f"; nobody publishes any of them here (ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID') or 0})"
         if self.terminal:
             self._next = elapsed + _LINE_PERIOD
             sys.stderr.write(f"\r\x1b[K{text}")
