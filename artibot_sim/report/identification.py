@@ -239,10 +239,9 @@ def _intervals(estimates: Sequence[Estimate]) -> Panel:
         Line("95 % interval", "95 % interval", None, x, bars, _PREDICTED),
         Line("value", "value", None, place, values, Stroke(TRUE, 6.0, "points")),
     )
-    names = ", ".join(f"{i}: {e.name}" for i, e in enumerate(estimates, 1))
     return Panel(
-        "parameters", "Parameters over the middles of their priors", (names, "number"), ("value", "of the prior"),
-        lines, (Level("prior", 1.0, _NOISE),),
+        "parameters", "Parameters over the middles of their priors", ("parameter", "-"), ("value", "of the prior"),
+        lines, (Level("prior", 1.0, _NOISE),), names=tuple(e.name for e in estimates),
     )  # fmt: skip
 
 

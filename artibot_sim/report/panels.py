@@ -113,6 +113,8 @@ class Panel:
         One metre is as long along x as along y.
     part : str
         Which part of a page it stands in; empty for the charts that every page begins with.
+    names : tuple of str
+        Of the places 1, 2, … along x, where these are no numbers.
     """
 
     key: str
@@ -126,6 +128,7 @@ class Panel:
     starts: Floats = field(default_factory=lambda: np.empty((0, 2)))
     equal: bool = False
     part: str = ""
+    names: tuple[str, ...] = ()
 
     @property
     def timed(self) -> bool:
@@ -154,8 +157,8 @@ class Panel:
 
     @property
     def x_label(self) -> str:
-        """Quantity and unit, as written under the axis."""
-        return f"{self.x[0]} ({self.x[1]})"
+        """Quantity and unit, as written under the axis; empty where names are."""
+        return "" if self.names else f"{self.x[0]} ({self.x[1]})"
 
     @property
     def y_label(self) -> str:

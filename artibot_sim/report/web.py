@@ -169,6 +169,9 @@ def _layout(panel: Panel, time_span: tuple[float, float]) -> dict[str, Any]:
         y |= {"range": _span([corners[:, 1]], 0.05), "scaleanchor": "x", "scaleratio": 1, "showline": True}
     else:
         x |= {"range": _span([np.array(time_span)] if panel.timed else [line.x for line in panel.lines])}
+        if panel.names:
+            places = list(range(1, len(panel.names) + 1))
+            x |= {"range": [0.5, places[-1] + 0.5], "tickvals": places, "ticktext": list(panel.names)}
         if (constant := constant_range(*extent([line.y for line in panel.lines]))) is not None:
             y |= {"range": list(constant)}
     return {

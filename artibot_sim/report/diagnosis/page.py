@@ -66,7 +66,8 @@ table td:nth-child(2) { color: inherit; text-align: right; }
 table td.text.text { text-align: left; } th.text { text-align: left; }
 tr.found td, tr.found th { font-weight: 600; } tr.ties th { color: var(--tie); }
 svg.ci { display: block; }
-@media (max-width: 600px) { h1 { font-size: 1.25rem; } }
+@media (max-width: 600px) { h1 { font-size: 1.25rem; } header ul.causes { font-size: 1rem; }
+  header ul.causes li { margin: 1px 0; } }
 @media (min-width: 860px) {
   .first { grid-template-columns: minmax(0, 11fr) minmax(0, 9fr); }
   .first .plot.square { height: 500px; }
@@ -296,10 +297,10 @@ def page_of(found: Diagnosis, version: str) -> bytes:
         f"{_findings(found.findings)}"
         f'<p class="verdict {found.verdict.value}">{html.escape(_answer(found))}</p>'
         f"{_headline(found)}"
+        f'<p class="sure"><b>Next:</b> {html.escape(sentences.next_step(found))}</p>'
         f'<p class="sure">{html.escape(sentences.sureness(found))}</p>'
         f"{paragraph(sentences.not_named(found), 'sure')}"
         f"{_more(found)}"
-        f'<p class="sure"><b>Next:</b> {html.escape(sentences.next_step(found))}</p>'
     )
     title = f"{found.robot.name}: {_answer(found)}"
     return render_frame(title, head, parts, _foot(found, version), page.charts, css=CSS, script=SCRIPT)

@@ -76,7 +76,7 @@ def cause_phrases(found: Diagnosis) -> list[str]:
 
 def which_words(found: Diagnosis) -> str:
     """That it is not known which of those that tie it is, and which the extended model has; empty where none ties."""
-    tied = [effect_words(cause.effect) for cause in found.causes if cause.ties]
+    tied = _names([cause for cause in found.causes if cause.ties])
     if not tied:
         return ""
     which = ": these recordings cannot tell which"
@@ -107,6 +107,10 @@ def _circumference(found: Diagnosis) -> str:
         f"it one turn. If it goes {2.0 * np.pi * radius:.3f} m, put {radius:.3f} m into wheel.r_w of the robot file; "
         "otherwise mend the counts a turn."
     )
+
+
+def _names(causes: Sequence[Cause]) -> list[str]:
+    return [effect_words(cause.effect) for cause in causes]
 
 
 def _either(cause: Cause) -> str:
@@ -164,7 +168,7 @@ def _checks(causes: Sequence[Cause]) -> str:
     others = [cause for cause in first if not claim_words(cause)]
     said = [f"whether {'; whether '.join(claims)}"] if claims else []
     if others:
-        said.append(f"{_places(others)} for {joined([effect_words(cause.effect) for cause in others])}")
+        said.append(f"{_places(others)} for {joined(_names(others))}")
     rest = f", then what the other {len(causes) - 1} causes claim" if len(first) < len(causes) else ""
     return f"Check {'; and '.join(said)}{rest}"
 
@@ -403,7 +407,8 @@ def _why_not(found: Diagnosis, candidate: Candidate) -> str:
     if any(effect_words(candidate.effect) in line and NOT_NAMED in line for line in found.warnings):
         return "the doubts about the data say why"
     if found.causes:
-        return f"explained better by {joined([effect_words(cause.effect) for cause in found.causes])}"
+        many = len(found.causes) > _FEW
+        return f"explained better by {'what is named' if many else joined(_names(found.causes))}"
     if not candidate.fitted:
         return "only screened, where it was weaker than those that were fitted"
     return "held-out data, or what it leaves, speak against it"
