@@ -248,7 +248,7 @@ class Bus:
                 return message
 
     def receive_any(self, timeout: float = 0.0) -> can.Message | None:
-        """As :meth:`receive`, but error frames are handed out too, once the health is changed by them."""
+        """Receive a frame like :meth:`receive`; error frames are handed out too, once they have changed the health."""
         if self._controller is BusState.LOST:
             return None
         try:

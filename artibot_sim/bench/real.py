@@ -51,9 +51,9 @@ HORIZON = 2.0
 _DRIVEN = 0.05
 """m/s of a wheel's rim, in the mean over a window, below which the robot is not driven."""
 _LEAP = 0.2
-"""m by which a measured pose may move farther than the wheels' rims before it counts as a leap,"""
+"""m by which a measured pose may move farther than the wheels' rims before it counts as a leap."""
 _JITTER = 0.2
-"""s by which its stamps may be wrong then."""
+"""s by which stamps may be wrong where leaps are looked for."""
 _DRAWS = 1000
 _SETTLES = 1.0
 """s for which wheels turn evenly before a window: then soft ground has its slip, and a turn its sideslip."""

@@ -52,9 +52,9 @@ __all__ = [
 
 
 GIVEN, BASELINE, EXTENDED, UNNAMED = "as given", "soil identified", "with what is named", "best fit, no cause claimed"
-"""Predictors that are dynamic models, the simplest first,"""
+"""Names of the predictors that are dynamic models, the simplest first."""
 FILES = {BASELINE: "baseline.yaml", EXTENDED: "extended.yaml"}
-"""and where some of them are written."""
+"""Dynamic model → the file in which it is written."""
 LAST_THIRD = " (last third)"
 """How the name of a recording's part ends that is held out of it."""
 

@@ -24,9 +24,9 @@ RECORDING = "recording"
 NOTHING = "nothing"
 """What a constant force follows."""
 _WRONG = {"position": 3.0, "yaw": 3.0}
-"""Errors over noise from which a channel is wrong: poses carry what their prediction's start was off by,"""
+"""Errors over noise from which a channel is wrong: poses carry what their prediction's start was off by."""
 _WRONG_ELSEWHERE = 1.5
-"""the others forget it."""
+"""Error over noise from which other channels are wrong: these forget their prediction's start."""
 _FORCES = ("N m", "N")
 """Units of forces."""
 NOT_NAMED = "so that is not named"

@@ -29,13 +29,13 @@ from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.model import Robot
 
 SHIFTED = ("rotation_delay", "gyro_delay", "pose_delay", "articulation_delay")
-"""Findings that say by how much stamps are off"""
+"""Findings that say by how much stamps are off."""
 SCALED = "clock_skew"
-"""and the one that says how that drifts."""
+"""The finding that says how a clock drifts."""
 LEAPS = "pose_leap"
 """The finding that says where poses have no relation to those before."""
 FLIPPED = "gyro_flip"
-"""and the one that the gyroscope is upside down, which its own rate shows."""
+"""The finding that the gyroscope is upside down, which its own rate shows."""
 SWAPPED = "side_swap"
 """The finding that left and right wheels are taken for each other."""
 TILTED = "imu_tilt"

@@ -34,9 +34,9 @@ ALIKE = 0.1
 ENOUGH = 20
 """Windows to fit covariances on, at least: of fewer the 95 % quantile lies beyond the largest that was seen."""
 _BIAS_SAID = 0.003
-"""rad/s of a gyroscope's bias from which on it is said,"""
+"""rad/s of a gyroscope's bias from which on it is said."""
 _SURELY = 4.0
-"""and in standard deviations."""
+"""Standard deviations of a gyroscope's bias from which on it is said."""
 SHORTEST = 0.5
 """m of a window to fit covariances on, at least."""
 _FEWEST = 5

@@ -33,21 +33,21 @@ FOLLOWED = (-0.02, 0.02, -0.006, 0.006)
 JUMPS = (1.12, 1.27, 1.5, 2.0, 3.0)
 """mu_s over mu_d, after 1: how far the jump of eq. 16 is opened."""
 _OPENED = 6
-"""Steps at most at each of them,"""
+"""Steps at most at each place of `JUMPS`."""
 _BETWEEN = 2
-"""and how often those on both sides of the best one are tried."""
+"""How often jumps on both sides of the best one are tried."""
 _WIDE = (1, 3, 5, 8, 10, 12)
-"""Places in SCAN, by which a wide look begins."""
+"""Places in SCAN that a coarse scan tries first."""
 _CONTINUED = 3
-"""Starts from which continuation begins: the robot file's values,"""
+"""Starts from which continuation begins: the robot file's values, softer and stiffer ground."""
 _OTHER_STIFFNESS = 1.5
-"""and ground that is by so many of the prior's widths softer or stiffer."""
+"""Widths of the prior by which softer and stiffer ground is away from the robot file's."""
 _DRAWS, _STIFFNESS_DRAWS = 2.0, 3.0
-"""Further ones are drawn within so many of the soil's prior widths, and of its stiffness's."""
+"""Widths of the prior within which further starts are drawn: of the soil, and of its stiffness."""
 _SCREENED = 100.0
-"""s of windows at most, evenly from all, by which starts are told apart,"""
+"""s of windows at most, evenly from all, by which many starts are compared."""
 _EACH = 3
-"""and steps from each before half of them are left."""
+"""Steps from each of many starts before the worse half of them is left out."""
 _START_SPREAD = np.array([0.1, 0.1, 0.3, 0.7, 0.7, 0.7, 0.3, 1.0])
 """Sizes of random changes of a start, in its prior deviations: what a window's own samples leave open."""
 _TRIES = 12

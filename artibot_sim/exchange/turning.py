@@ -28,9 +28,9 @@ _SPOT = 0.5
 _RAMP = 1.5
 """s in which speeds are taken up."""
 _LENGTHS = 6.0
-"""Lengths of the robot that it drives before it is taken to move steadily,"""
+"""Lengths of the robot that it drives before it is taken to move steadily."""
 _LEAST = 4.0
-"""but at least so many seconds."""
+"""s that it drives at least before it is taken to move steadily."""
 _MEASURED = 2.0
 """s at the end over which the motion is averaged."""
 DRAWS = 40

@@ -26,9 +26,9 @@ _NOISE_SAMPLES = 7
 _FEWEST = 15
 _NOISE_LEVERAGE = 7.0 / 21.0  # weight of the middle one of seven even samples in a cubic's value there
 _WIDTHS = (5, 7, 9, 11, 15, 21, 31, 41)
-"""Samples through which cubics are tried, from narrow to wide,"""
+"""Samples through which cubics are tried, from narrow to wide."""
 _APART = (5, 11)
-"""and of two of them by which white noise is told from motion."""
+"""Samples of the two cubics by which white noise is told from motion."""
 _TELLING = 100
 """Samples without which white noise is not told from motion: its variance is known to a quarter from so many, and to a
 half from the 20 of a segment of 2 s, for half of which the widest cubics were taken."""

@@ -35,11 +35,11 @@ under load, that those of its sides are never quite equal, and where on it the t
 resistance to each wheel's motion over it is what eqs 15 and 16 lack most on real ground. How late poses are beside
 rotations the model tells where the streams by themselves do not: wheels recorded at 1 to 3 Hz, windows of 2 s."""
 _SIDES_SPREAD = 0.03
-"""Standard deviation of the prior of the sides' difference of radius, which is of 0,"""
+"""Standard deviation of the prior of `wheel_radius_mismatch`, whose middle is 0."""
 _ARM_SPREAD = 0.25
-"""of a lever arm in track widths,"""
+"""Standard deviation of the prior of a lever arm, in track widths."""
 _ANGLE_SPREAD = 0.05
-"""and of the angle at which a tracked body is mounted, rad."""
+"""Standard deviation of the prior of the angle at which a tracked body is mounted, rad."""
 _RESISTED = Prior(0.2, 0.2)
 """Prior of the resistance, a share of the friction force: 0.01 to 0.2 were found on real ground."""
 _LATE = Prior(0.1, 0.1)

@@ -75,9 +75,9 @@ _STIFFNESSES = (0.06, 0.25, 1.0, 4.0)
 _PATIENCE = 3
 """Further rounds for a fit that still falls, and moves along its profile."""
 _MOVES = 2
-"""How often at most a fit goes on from a better place on its profile,"""
+"""How often at most a fit goes on from a better place on its profile."""
 _BETTER = 10.0
-"""and the fall of the loss that is worth it."""
+"""Fall of the loss from which a fit goes on from a better place on its profile."""
 
 
 @dataclass(frozen=True)

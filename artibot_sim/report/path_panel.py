@@ -22,8 +22,9 @@ _APART = 2.5
 _SAME_PLACE = 0.01
 """Starts closer than this (m) are one."""
 _CONTOURS = 8
-"""Lines of equal height at most, on a grid of so many points along the longer side of the picture:"""
+"""Lines of equal height at most."""
 _GRID = 160
+"""Points along the longer side of the picture at which heights are taken."""
 
 
 def path_panel(sources: Sequence[DrawnRecording]) -> tuple[Panel | None, dict[str, str]]:

@@ -262,9 +262,9 @@ def _discs(x: Array, y: Array) -> Iterator[Condition]:
 
 
 _LEAST_SHARE = 0.45
-"""Share of the squared error that a condition must hold to be named,"""
+"""Share of the squared error that a condition must hold to be named."""
 _LEAST_LIFT = 1.5
-"""and how much more than its share of the time that is."""
+"""Share of the squared error over share of the time, from which a condition is named."""
 _RARE = 0.02
 """Share of the time that a condition must last at least."""
 _RARE_PLACE = 0.004
@@ -272,7 +272,7 @@ _RARE_PLACE = 0.004
 _MANY = 0.6
 """How much the surprise of a place or a time counts: there are hundreds to choose from, so some fit by chance."""
 _COMMON = 0.85
-"""and at most: what is always so tells nothing."""
+"""Share of the time that a condition may last at most: what is always so tells nothing."""
 _CAP = 0.95
 """Quantile at which squared errors are cut, so that no single moment speaks for a manoeuvre."""
 _AGREE = 0.6
@@ -284,15 +284,15 @@ _FOLLOWS = 0.5
 _BLOCK = 5.0
 """s of the moment that is reported as the worst."""
 _FAR = 6.0
-"""Errors over the noise that are far out,"""
+"""Error over the noise from which it is far out."""
 _MOMENT = 0.1
-"""s to either side of one that belong to its moment."""
+"""s to either side of a far error that belong to its moment."""
 _MOMENTS_TIME = 0.1
-"""Share of the time that moments last at most for an error to be theirs,"""
+"""Share of the time that moments last at most for an error to be theirs."""
 _MOMENTS_SHARE = 0.9
-"""share of the squared error that they hold at least,"""
+"""Share of the squared error that moments hold at least for an error to be theirs."""
 _MOMENTS_REST = 2.0
-"""and errors over the noise elsewhere, at most."""
+"""Error over the noise elsewhere, at most, for an error to be that of moments."""
 
 
 def places(comparisons: Sequence[Comparison], baseline: Mapping[str, ChannelBaseline]) -> tuple[ErrorLocation, ...]:

@@ -18,9 +18,9 @@ from artibot_sim.estimation.streams import (
 from artibot_sim.model import MOTORS
 
 LATE_REPORTED = 0.04
-"""s that a delay's interval must stay away from 0, of the wheels: a rover answers them late by itself;"""
+"""s that the interval of a delay of the wheels must stay away from 0: a rover answers them late by itself."""
 LATE_REPORTED_POSE = 0.02
-"""of pose and gyroscope, which see the same body, and of rotations behind poses."""
+"""s that other intervals must stay away from 0: pose and gyroscope see one body, and no pose comes before rotations."""
 TOGETHER = 0.07
 """s within which two streams count as equally late."""
 DRIFT_REPORTED = 0.02

@@ -37,9 +37,9 @@ SCALE_REPORTED = 0.04
 BIAS_REPORTED = 0.01
 """rad/s, of a gyroscope."""
 TILT_REPORTED = 0.05
-"""rad by which an accelerometer must lean, at the least that its interval allows;"""
+"""rad by which an accelerometer must lean, at the least that its interval allows."""
 TURNED = 0.5
-"""and those from which another axis than its z points up or down."""
+"""rad of lean from which another axis than z points up or down."""
 UNIT_REPORTED = 1.5
 """Factor between rolled and gone."""
 _ALIKE = 0.3

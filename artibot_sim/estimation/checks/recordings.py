@@ -24,9 +24,9 @@ SHORT = 15.0
 _HELD = 0.2
 """Share of repeated samples that is said."""
 _STUCK = 0.1
-"""s for which a sensor stands at its very largest value,"""
+"""s for which a saturated sensor stands at its very largest value, at least."""
 _STUCK_RUN = 5
-"""in at least so many samples, before it counts as saturated."""
+"""Samples in which a saturated sensor stands at its very largest value, at least."""
 _STANDS = 0.5
 """Share of the time at standstill that is said."""
 _NOISY = 0.05
@@ -34,9 +34,9 @@ _NOISY = 0.05
 _STILL = 1.0
 """rad/s below which a motor stands."""
 _CREEP = 0.01
-"""m/s of a wheel's rim, below which it stands,"""
+"""m/s of a wheel's rim, below which it stands."""
 _ABOVE_NOISE = 4.0
-"""or so many standard deviations of its speed's noise."""
+"""Standard deviations of a wheel speed's noise, below which it stands."""
 
 USED = ("motor_torques", "total_station", "ground_truth_odom", "imu", "joint_states", "motor_command")
 """Channels that are checked."""
@@ -207,9 +207,9 @@ def _held(channel: Channel) -> float:
 
 
 _LIVELY = ("yaw_rate", "articulation_yaw.position")
-"""What changes with every sample, if only by noise,"""
+"""Columns that change with every sample, if only by noise."""
 _SOME = 50
-"""in recordings of more samples than these."""
+"""Samples of such a column below which nothing is said of it."""
 _LIMITED = ("yaw_rate", "ax", "ay", "articulation_yaw.position", "effort")
 """Ends of the names of columns that a sensor's range limits."""
 

@@ -60,14 +60,14 @@ _SCALED = {
     "wheel.m_w": 1.5, "wheel.J_wx": 2.0, "wheel.J_wy": 2.0, "contact.k_n": 3.0, "contact.k_l": 4.0, "contact.k_t": 4.0,
     "contact.mu_s": 2.0, "contact.mu_d": 2.0, "contact.u_w": 3.0,
 }  # fmt: skip
-"""Factor to both sides within which a scaled number lies with 95 %, by key;"""
+"""Factor to both sides within which a scaled number lies with 95 %, by key."""
 _MODULE = {"J_x": 2.0, "J_y": 2.0, "J_z": 2.0, "l": 1.3}
-"""of a module's,"""
+"""Such factors of a module's numbers."""
 _DRIVE = {
     "J_m": 5.0, "torque_max": 2.0, "rated_torque": 2.0, "stall_torque": 2.0, "no_load_speed": 1.5,
     "no_load_torque": 3.0,
 }  # fmt: skip
-"""of a drive's."""
+"""Such factors of a drive's numbers."""
 
 
 def similar(reference: Robot, name: str, sheet: DataSheet) -> Robot:

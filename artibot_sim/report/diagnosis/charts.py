@@ -31,9 +31,9 @@ BEFORE = Stroke(style.ODOMETRIC, 1.6, "dash")
 AFTER = Stroke(style.TRUE, 1.6)
 NOISE = Stroke(style.MUTED, 1.2, "dot")
 ASKED = Stroke(style.MUTED, 5.0, "points")
-"""What recordings ask for where a law acts,"""
+"""Points that recordings ask for where a law acts."""
 ASKED_BAR = Stroke(style.MUTED, 1.0)
-"""and its interval."""
+"""Interval of such a point."""
 _SURE = 1.96
 NAMES = ("measured", "paper's model", "extended model")
 _BREAK = np.full((1, 3), np.nan)
