@@ -102,21 +102,31 @@ def aligned(experiment: Experiment, robot: Robot, seed: int = 0, poses: bool | N
     signed = with_columns(levelled, wrong_signs)
     found = findings(signed, robot, streams)
     values = stream_values(streams, [*wrong_signs, *found], robot.wheel.r_w * robot.drive.front.tau)
-    mended = tuple(one for one in found if shiftable(one))
     if poses is None:
-        poses = any(one.name == "rotation_delay" for one in mended)
-    if not poses:
-        mended = tuple(one for one in mended if not _late_pose(one))
-    elif (unsure := _half_known(found)) is not None:
-        imu = levelled.channels["imu"]
-        mended = (*(one for one in mended if one is not unsure), _gyro_instead(unsure, imu.topic))
-        found = [one for one in found if one is not unsure]
-    if "velocity_filter" in robot.effects:
-        mended = tuple(one for one in mended if one.name != "rotation_delay" or (one.value or 0.0) < 0.0)
-    mended = (*tilted, *wrong_signs, *mended, *(one for one in found if one.name in (LEAPS, FLIPPED)))
-    mended += tuple(one for one in known_faults(signed, robot, values) if poses or one.name != "pose_delay")
+        poses = any(one.name == "rotation_delay" and shiftable(one) for one in found)
+    shifts, found = _shifts(found, levelled, robot, poses)
+    leaps_and_turns = [one for one in found if one.name in (LEAPS, FLIPPED)]
+    stated = [one for one in known_faults(signed, robot, values) if poses or one.name != "pose_delay"]
+    mended = (*tilted, *wrong_signs, *shifts, *leaps_and_turns, *stated)
     rest = tuple(one for one in found if one not in mended)
     return Aligned(_without_faults(levelled, mended, robot) if mended else experiment, mended, rest, values)
+
+
+def _shifts(
+    found: Sequence[Finding], experiment: Experiment, robot: Robot, poses: bool
+) -> tuple[list[Finding], list[Finding]]:
+    """Findings by which stamps are shifted, and all findings, as they are then.
+
+    Where only one of poses and rotations is surely late, the gyroscope is shifted instead, if `poses` may be.
+    """
+    every, shifts = list(found), [one for one in found if shiftable(one) and (poses or not _late_pose(one))]
+    if poses and (late := _half_known(found)) is not None:
+        every.remove(late)
+        shifts.remove(late)
+        shifts.append(_gyro_instead(late, experiment.channels["imu"].topic))
+    if "velocity_filter" in robot.effects:  # which is what makes rotations late
+        shifts = [one for one in shifts if one.name != "rotation_delay" or (one.value or 0.0) < 0.0]
+    return shifts, every
 
 
 def _levelled(experiment: Experiment) -> Experiment:
