@@ -264,7 +264,7 @@ def explainable_words(found: Diagnosis) -> str:
         )
         said.append(f"{channel_words(name)}: noise {errors[0]} · this model {errors[1]} · {last}")
     minutes = number(next(iter(found.explainable.values())).seconds / 60.0, 2)
-    return f"{'; '.join(said)} (predictions {found.horizon:g} s ahead, learned from {minutes} min)."
+    return f"{'; '.join(said)} (over all {minutes} min of recordings, predicted {found.horizon:g} s ahead)."
 
 
 _PARTS = {
