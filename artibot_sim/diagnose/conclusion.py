@@ -22,11 +22,13 @@ from artibot_sim.diagnose.remains import (
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.per_recording import ByRecording, fitted_by_recording
 from artibot_sim.diagnose.timetable import Timetable
-from artibot_sim.diagnose.unlisted.explanations import Explanations
+from artibot_sim.diagnose.unlisted.explanations import Explanation, Explanations
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
 from artibot_sim.diagnose.validation.predictions import LAWS, Worth, is_minor, is_refuted
 from artibot_sim.diagnose.validation.stability import disagreement, drifts
 from artibot_sim.diagnose.verdict import COMMANDS, MOTION, VERDICT, Outcome, Reason, Row
+from artibot_sim.estimation.problem import Problem
+from artibot_sim.estimation.search import Fit
 from artibot_sim.model import Robot
 
 
@@ -149,8 +151,7 @@ def concluded(
     found: Decision,
     view: CommandView,
     judge: Judge,
-    ticks: Timetable | None = None,
-    latest: float = math.inf,
+    about: AboutMotion | None = None,
     go_on: GoOn | None = None,
 ) -> Conclusion:
     """Decide by the tables what of a search's effects is named.
@@ -167,19 +168,17 @@ def concluded(
         Of the fitted recordings.
     judge : callable
         Says what a decision is worth on held-out recordings.
-    ticks : Timetable, optional
-        Told of each part of the work.
-    latest : float
-        Instant of `time.perf_counter` after which no more forces on no list are looked for.
+    about : AboutMotion, optional
+        Gives the facts; of the judge's own by default.
     go_on : callable, optional
         Goes on with the search without the effect that it found last.
     """
-    explain = partial(Explanations, ticks=ticks, latest=latest)
-    about_motion = MotionFacts(found, judge, explain)
+    about = about or AboutMotion(judge)
+    about_motion = about(found)
     motion, last = MOTION.first(about_motion), list[Withdrawal]()
     while motion.reason in _AGAINST and about_motion.last_is_worse and len(last) < MOST_EFFECTS:
         last.append(about_motion.last)
-        about_motion = MotionFacts(about_motion.without_last(go_on), judge, explain)
+        about_motion = about(about_motion.without_last(go_on))
         motion = MOTION.first(about_motion)
     kept = about_motion.kept(motion.then)
     judged = (lambda _: about_motion.held) if motion.then is Outcome.NAMED and kept.fitted else judge
@@ -211,11 +210,49 @@ def _withdrawn(
     return found
 
 
+class AboutMotion:
+    """Facts about decisions. Those of the last one are kept: a search asks for some before the tables do.
+
+    Parameters
+    ----------
+    judge : callable
+        Says what a decision is worth on held-out recordings.
+    ticks : Timetable, optional
+        Told of each part of the work.
+    latest : float
+        Instant of `time.perf_counter` after which no more forces on no list are looked for.
+    """
+
+    def __init__(self, judge: Judge, ticks: Timetable | None = None, latest: float = math.inf) -> None:
+        self._judge, self._explain = judge, partial(Explanations, ticks=ticks, latest=latest)
+        self._last: MotionFacts | None = None
+
+    def __call__(self, found: Decision) -> MotionFacts:
+        """The facts about a decision; one of the models of the last has these explained as they are."""
+        if self._last is None or self._last.fits is not found.fits:
+            self._last = MotionFacts(found, self._judge, self._explain)
+        else:
+            self._last = self._last.about(found)
+        return self._last
+
+
 class MotionFacts:
     """Facts about effects that were fitted to the motion."""
 
     def __init__(self, found: Decision, judge: Judge, explain: Callable[[Decision], Explanations]) -> None:
         self._found, self._judge, self._explain = found, judge, explain
+        self._instead: Explanation | None = None
+
+    @property
+    def fits(self) -> tuple[tuple[Problem, Fit], ...]:
+        """The decision's models."""
+        return self._found.fits
+
+    def about(self, found: Decision) -> MotionFacts:
+        """Facts about another decision of the same models."""
+        other = MotionFacts(found, self._judge, self._explain)
+        other._instead, other._explanations = self._instead, self._explanations
+        return other
 
     def __call__(self, question: str) -> str:
         """The fact that a question of the table asks for."""
@@ -236,6 +273,18 @@ class MotionFacts:
             return "yes" if self.held.sure else "no"
         assert question == "left without"
         return "more" if self._contradiction is not None else size_of(self._without_left)
+
+    def laws_explain(self) -> bool:
+        """Whether laws leave noise alone where effects leave far more, in models with no more terms than these have.
+
+        More effects would have to explain as much with more terms. So no more of them are looked for.
+        """
+        found = self._decision
+        if far_beyond_noise(found.left) and self._laws_compete:
+            best = self._explanations.best(len(found.fitted))
+            if best is not None and (best.effects or self._force_alone is not None):
+                self._instead = best
+        return self._instead is not None
 
     def kept(self, outcome: object) -> Decision:
         """What is left of the names."""
@@ -312,18 +361,23 @@ class MotionFacts:
     @cached_property
     def _with_laws(self) -> Decision | None:
         """The effects that are still needed beside laws, where these together leave no more than noise."""
-        found, no_soils = self._decision, self._soils[0] == "no"
-        if not (found.fitted and self._forces_tell and no_soils and leaves_more_than_noise(found.left)):
-            return None
-        best = self._explanations.best() if self._explanations.force() is not None else None
-        return self._explanations.decision(best) if best is not None and best.effects else None
+        best = self._instead
+        if best is None and leaves_more_than_noise(self._decision.left) and self._laws_compete:
+            best = self._explanations.best() if self._explanations.force() is not None else None
+        return self._explanations.decision(best, self._decision) if best is not None and best.effects else None
+
+    @property
+    def _laws_compete(self) -> bool:
+        """Whether laws are asked to explain what effects do not."""
+        return bool(self._decision.fitted) and self._forces_tell and self._soils[0] == "no"
 
     @property
     def _force(self) -> ForceFinding | None:
         """The force that is at work instead of what was fitted, or beside it."""
         if not self._forces_tell:
             return None
-        if self._decision.fitted and self._explanations.force() is None and not self._changes:
+        asked = self._decision.fitted and self._instead is None
+        if asked and self._explanations.force() is None and not self._changes:
             return None
         return self._force_alone
 

@@ -12,7 +12,7 @@ import numpy as np
 from artibot_sim.cluster import identity
 from artibot_sim.diagnose.assessment import Assessment, Assessor, Parameters
 from artibot_sim.diagnose.commands.view import CommandView, command_view
-from artibot_sim.diagnose.conclusion import Conclusion, Withdrawal, concluded, shows_forces
+from artibot_sim.diagnose.conclusion import AboutMotion, Conclusion, Withdrawal, concluded, shows_forces
 from artibot_sim.diagnose.extended import with_effects_of
 from artibot_sim.diagnose.holdout import distinctly_named, split
 from artibot_sim.diagnose.next_experiment.choice import next_experiment, next_for_force, one_by_one, repeated
@@ -121,11 +121,14 @@ def _diagnosed(
     problem, fit = parts.once("soil identified", lambda: every.soil(ticks))
     predicted = sum(int(one.duration / options.horizon) for one in (*fitted, *held))
     ticks.leave_out(*_nothing_to_do(every, problem, fit, predicted))
-    selection = StepwiseSelection(problem, fit, options, ticks, view, every if every.times > 1.0 else None)
-    decision = selection.decide()
     assessor = Assessor(robot, fitted, held, options, ticks, view)
-    latest = time.perf_counter() + options.for_search
-    found = concluded(decision, view, assessor.worth, ticks, latest, selection.without)
+    about = AboutMotion(assessor.worth, ticks, time.perf_counter() + options.for_search)
+    selection = StepwiseSelection(
+        problem, fit, options, ticks, view, every if every.times > 1.0 else None,
+        lambda some: about(some).laws_explain(),
+    )  # fmt: skip
+    decision = selection.decide()
+    found = concluded(decision, view, assessor.worth, about, selection.without)
     assessed = assessor(found.decision)
     result = result_of(robot, fitted, held, found, assessed, options, view)
     given = TimeLimit(lambda: options.left, found.decision.untried)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
 from artibot_sim.diagnose.candidates.patches import on_best_disc
 from artibot_sim.diagnose.commands.view import CommandView
 from artibot_sim.diagnose.records import Options
-from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
+from artibot_sim.diagnose.remains import far_beyond_noise, leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.elimination import Removal, removal_of, superfluous, with_soil_searched
 from artibot_sim.diagnose.selection.every_window import EveryWindow, rivals_for_every_window
@@ -34,6 +34,8 @@ _THOROUGH = "fitting every effect to the end"
 _LEAVING_OUT = "leaving out each effect that was found"
 _SOIL = "another soil beside what was found"
 """Searches, as warnings say that there was no time for them."""
+_BEFORE_LAWS = 2
+"""Effects that are looked for before laws are: what one of the list leaves may be another one of it."""
 _BETTER = 100.0
 """Nats by which a search must better its own baseline, and by more than what it finds is worth, to be made again."""
 
@@ -82,13 +84,18 @@ class StepwiseSelection:
     every : EveryWindow, optional
         All windows, where `problem` has some of them: what the search does not name is judged by them, and they have
         the last word on the sizes of what is named.
+    explained : callable, optional
+        Whether laws explain the recordings, with no more terms than a decision has effects, which leave far more than
+        noise. It is asked once, of the first two: then the search is over.
     """
 
     def __init__(
         self, problem: Problem, fit: Fit, options: Options, ticks: Timetable, view: CommandView,
-        every: EveryWindow | None = None,
+        every: EveryWindow | None = None, explained: Callable[[Decision], bool] | None = None,
     ) -> None:  # fmt: skip
         self._options, self._ticks, self._view, self._every = options, ticks, view, every
+        self._explained: Callable[[Decision], bool] | None = explained
+        self._end: Decision | None = None
         self._rounds = Rounds(scheduler=options.scheduler)
         self._model = SelectedModel(((problem, fit),))
         self._whole: list[tuple[Fit, tuple[Problem, Fit]]] = []
@@ -104,13 +111,13 @@ class StepwiseSelection:
         return self._stages[-1]
 
     def _full(self) -> bool:
-        """Whether no search for one more effect follows.
+        """Whether no search for one more effect follows: laws explain the rest, or enough of them were found.
 
         What only commands show takes none. What sensors make of the truth does not count: those of a real robot have
         several errors at once, and as long as these are in the residuals nothing that is smaller can be told.
         """
         others = [one for one in self._model.fitted if EFFECTS[one.effect].sensor is None]
-        return len(others) >= self._options.thresholds.most
+        return self._end is not None or len(others) >= self._options.thresholds.most
 
     def _weighed(self, found: SearchStage) -> SearchStage:
         return replace(found, nats=nats_of(found, self._view, self._model.named))
@@ -129,7 +136,7 @@ class StepwiseSelection:
         return self._weighed(found)
 
     def decide(self) -> Decision:
-        """Add effects, and drop what is not needed any more, until the data ask for no more."""
+        """Add effects, and drop what is not needed any more, until the data ask for no more, or laws explain them."""
         self.add()
         while self.drop():
             self.add()
@@ -145,7 +152,7 @@ class StepwiseSelection:
         assert gone.effect == effect
         self._model = self._model.without_last()
         del self._stages[gone.stage + 1 :]
-        self._exhausted = False
+        self._exhausted, self._end = False, None
         return self.decide()
 
     def add(self) -> None:
@@ -235,8 +242,18 @@ class StepwiseSelection:
             return
         self._search_soil()
         further = f"further effects beside {best.effect.replace('_', ' ')}"
+        self._ask_laws()
         if not self._full() and not self._time.lacks(further):
             self._search_next(further)
+
+    def _ask_laws(self) -> None:
+        """Ask once whether laws explain what the first effects leave far more than noise of: then that was the end."""
+        model, asked = self._model, self._explained
+        if asked is None or len(model.fitted) < _BEFORE_LAWS:
+            return
+        if far_beyond_noise(remains(model.problem, model.fit.point)):
+            self._explained, decision = None, self.decision()
+            self._end = decision if asked(decision) else None
 
     def _search_soil(self) -> None:
         """Search the soil anew beside what is named, where more than noise is left and there is time.
@@ -269,7 +286,7 @@ class StepwiseSelection:
         if self._drop_from_commands():
             return True
         fitted = self._model.fitted
-        if self._time.stopped or (len(fitted) > 1 and self._time.lacks(_LEAVING_OUT)):
+        if self._end is not None or self._time.stopped or (len(fitted) > 1 and self._time.lacks(_LEAVING_OUT)):
             return False
         self._ticks.begin(Task.LEAVING_OUT, parts=len(fitted) - 1)
         spare = self._time.within(_LEAVING_OUT, lambda: self._options.parts.once(_LEAVING_OUT, self._unneeded))
@@ -342,6 +359,9 @@ class StepwiseSelection:
         """What it came to; commands say of each effect what they say beside the others."""
         model, other = self._model, {**self._other, **command_evidence(self._view, self._model.names)}
         named = tuple(replace(one, found=other[one.effect].found) if one.found else one for one in model.named)
+        if self._end is not None:  # only what commands show was asked since
+            untried = tuple(self._time.untried)
+            return replace(self._end, named=named, other=other, dropped=model.dropped, untried=untried)
         fits, count = [*model.fits, *self._refitted_from_other_soils()], len(model.fits)
         if self._every is not None and model.fitted:
             fits = self._carried(self._every, fits)

@@ -23,6 +23,7 @@ from artibot_sim.estimation.parallel import TimeIsUp, until
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge
 from artibot_sim.estimation.solver import reassessed
+from artibot_sim.model.effects import LAWS
 
 Which = tuple[int, ...]
 """Places among a decision's fitted effects."""
@@ -126,17 +127,22 @@ class Explanations:
             self.untried = (_FORCES,)
             return None
 
-    def __call__(self, effects: Which) -> Explanation:
-        """Laws beside some of the effects."""
-        if effects not in self._made:
-            (problem, fit), found = self._model(effects), self._possible(effects)
-            laws = None if found is None else self._in_time(lambda: fitted_laws(problem, fit, found, self._ticks))
-            force = laws.force if laws is not None else found if found is not None and found.chosen else None
-            self._made[effects] = Explanation(effects, problem, fit, force, laws)
-        return self._made[effects]
+    def __call__(self, effects: Which, most: int = len(LAWS)) -> Explanation:
+        """Laws beside some of the effects, so many at most."""
+        if effects in self._made:
+            return self._made[effects]
+        (problem, fit), found = self._model(effects), self._possible(effects)
+        laws = None
+        if found is not None:
+            laws = self._in_time(lambda: fitted_laws(problem, fit, found, self._ticks, most=most))
+        force = laws.force if laws is not None else found if found is not None and found.chosen else None
+        one = Explanation(effects, problem, fit, force, laws)
+        if most >= len(LAWS) or one.suffices:
+            self._made[effects] = one
+        return one
 
-    def best(self) -> Explanation | None:
-        """The simplest one that leaves no more than noise; None if none does.
+    def best(self, most: float = math.inf) -> Explanation | None:
+        """The simplest one that leaves no more than noise, of those with so many terms at most; None if none does.
 
         Effects and laws cost the same. What is as simple and explains as much has effects rather than laws: a law may
         look like any of them. Of three effects pairs are not tried: each choice takes a search and a fit. But a law
@@ -145,9 +151,10 @@ class Explanations:
         """
         best, found = None, list[Explanation]()
         for count in sorted({0, 1, len(self._found.fitted)}):
-            if best is not None and count + 1 > best.terms:  # with a law it would have more terms
+            if count + 1 > (most if best is None else best.terms):  # with a law it would have more terms
                 break
-            every = map(self, combinations(range(len(self._found.fitted)), count))
+            laws = int(min(most - count, len(LAWS)))
+            every = (self(which, laws) for which in combinations(range(len(self._found.fitted)), count))
             found += [one for one in every if one.suffices]
             best = self._simplest(found) if found else None
         while best is not None and best.effects:
@@ -195,9 +202,9 @@ class Explanations:
             self._models[effects] = problem, converge(problem, point, fit.loss, _STEPS)
         return self._models[effects]
 
-    def decision(self, one: Explanation) -> Decision:
-        """The decision with this explanation's effects and laws."""
-        found, laws = self._found, one.laws
+    def decision(self, one: Explanation, found: Decision) -> Decision:
+        """A decision of these models with this explanation's effects and laws."""
+        laws = one.laws
         assert laws is not None
         named = tuple(each for each in found.named if each.found or found.fitted.index(each) in one.effects)
         fits = (found.fits[0], *(self._model(one.effects[:count]) for count in range(1, len(one.effects) + 1)))

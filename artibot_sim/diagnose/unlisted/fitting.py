@@ -166,6 +166,7 @@ def fitted_laws(
     found: ForceFinding,
     tick: Callable[[], None] = lambda: None,
     begin: Point | None = None,
+    most: int = len(LAWS),
 ) -> FittedLaws | None:
     """The forces of a finding as laws, one after the other, as long as each is worth it; None where none is.
 
@@ -180,11 +181,13 @@ def fitted_laws(
         The model without.
     begin : Point, optional
         Of that model, at whose residuals the force was found; where the fit ended by default.
+    most : int
+        Laws at most.
     """
     begin = begin or fit.point
     now, spans, chosen = (problem, fit), dict[str, tuple[float, float]](), list[Shortlisted]()
     left: ForceFinding | None = found
-    for name in [name for name in LAWS if name not in problem.parameters.robot.effects]:
+    for name in [name for name in LAWS if name not in problem.parameters.robot.effects][:most]:
         best = None if left is None else _best_law(now[0], fit.loss, name, left, begin, tick)
         if best is None:
             break
