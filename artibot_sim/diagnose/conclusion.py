@@ -281,10 +281,14 @@ class MotionFacts:
         """
         found = self._decision
         if far_beyond_noise(found.left) and self._laws_compete:
-            best = self._explanations.best(len(found.fitted))
-            if best is not None and (best.effects or self._force_alone is not None):
-                self._instead = best
+            self._instead = self._by_laws(self._explanations.best(len(found.fitted)))
         return self._instead is not None
+
+    def _by_laws(self, best: Explanation | None) -> Explanation | None:
+        """An explanation if it has laws, and no soil of its own in each recording does as well."""
+        if best is None or best.laws is None:
+            return None
+        return best if best.effects or self._force_alone is not None else None
 
     def kept(self, outcome: object) -> Decision:
         """What is left of the names."""
@@ -361,10 +365,21 @@ class MotionFacts:
     @cached_property
     def _with_laws(self) -> Decision | None:
         """The effects that are still needed beside laws, where these together leave no more than noise."""
-        best = self._instead
+        best = self._better
         if best is None and leaves_more_than_noise(self._decision.left) and self._laws_compete:
             best = self._explanations.best() if self._explanations.force() is not None else None
         return self._explanations.decision(best, self._decision) if best is not None and best.effects else None
+
+    @cached_property
+    def _better(self) -> Explanation | None:
+        """Laws that explain the recordings better than the effects, with no more terms; None where none do.
+
+        What leaves no more than noise in single windows need not be the best of what does so.
+        """
+        found = self._decision
+        if leaves_more_than_noise(found.left) or not (self._laws_compete and self._explanations.promised):
+            return self._instead
+        return self._by_laws(self._explanations.best(len(found.fitted), alone=True))
 
     @property
     def _laws_compete(self) -> bool:
@@ -376,9 +391,11 @@ class MotionFacts:
         """The force that is at work instead of what was fitted, or beside it."""
         if not self._forces_tell:
             return None
-        asked = self._decision.fitted and self._instead is None
-        if asked and self._explanations.force() is None and not self._changes:
-            return None
+        if self._decision.fitted and self._better is None:
+            if not leaves_more_than_noise(self._decision.left):
+                return None
+            if self._explanations.force() is None and not self._changes:
+                return None
         return self._force_alone
 
     @property

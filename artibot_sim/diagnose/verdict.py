@@ -117,8 +117,9 @@ MOTION: Table[Outcome] = Table(
         ),
         "force": (
             (
-                "does a force on no list explain it (where effects were found, only forces that were measured tell)? "
-                "beside: as a law it leaves noise alone, and they are still needed"
+                "does a force on no list explain it, or as a law more than the effects with no more terms (where "
+                "effects were found, only forces that were measured tell)? beside: as a law it leaves noise alone, and "
+                "some of them are still needed"
             ),
             ("no", "yes", "beside"),
         ),
@@ -143,11 +144,11 @@ MOTION: Table[Outcome] = Table(
             Reason.VARIES,
         ),
         Row(
-            {"several soils": _NO, "left": _MORE, "force": ("beside",), "held out": ("better",)},
+            {"several soils": _NO, "force": ("beside",), "held out": ("better",)},
             Outcome.NAMED,
             Reason.LAW,
         ),
-        Row({"several soils": _NO, "left": _MORE, "force": ("yes", "beside")}, Outcome.UNEXPLAINED),
+        Row({"several soils": _NO, "force": ("yes", "beside")}, Outcome.UNEXPLAINED),
         Row({"held out": ("worse",), "left without": _NOISE}, Outcome.NOTHING, Reason.REFUTED),
         Row({"held out": ("worse",)}, Outcome.UNEXPLAINED, Reason.REFUTED),
         Row({"held out": ("little",), "left without": _NOISE}, Outcome.NOTHING, Reason.MINOR),

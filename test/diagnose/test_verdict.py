@@ -130,6 +130,8 @@ DELAY = {"followed": "yes", "effects": "yes", "left": "noise", "share": "little"
         (EFFECT, QUIET | {"left": "more"}, "no", Verdict.NAMED, ("", "")),
         (EFFECT | {"left": "far more"}, QUIET, "no", Verdict.UNEXPLAINED, ("DOUBT", "")),
         (EFFECT | {"left": "more", "force": "yes"}, QUIET, "no", Verdict.UNEXPLAINED, ("", "")),
+        (EFFECT | {"force": "yes"}, QUIET, "no", Verdict.UNEXPLAINED, ("", "")),  # noise is left, a law likelier
+        (EFFECT | {"force": "beside"}, QUIET, "no", Verdict.NAMED, ("LAW", "")),
         (EFFECT | {"held out": "worse", "left without": "noise"}, QUIET, "no", Verdict.NONE, ("REFUTED", "")),
         (EFFECT | {"held out": "worse", "left without": "more"}, QUIET, "no", Verdict.UNEXPLAINED, ("REFUTED", "")),
         (EFFECT | {"held out": "worse", "left without": "noise"}, DELAY, "no", Verdict.NAMED, ("REFUTED", "")),

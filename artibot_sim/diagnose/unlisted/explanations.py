@@ -110,6 +110,12 @@ class Explanations:
         found = self._possible(which)
         return found if found is None or found.chosen else self(which).force
 
+    @property
+    def promised(self) -> bool:
+        """Whether a force explains enough of what all effects leave, by the regression alone."""
+        found = self._possible(tuple(range(len(self._found.fitted))))
+        return found is not None and bool(found.chosen)
+
     def _possible(self, which: Which) -> ForceFinding | None:
         """The forces that may be what some of the effects leave."""
         if which not in self._forces:
@@ -141,23 +147,27 @@ class Explanations:
             self._made[effects] = one
         return one
 
-    def best(self, most: float = math.inf) -> Explanation | None:
+    def best(self, most: float = math.inf, alone: bool = False) -> Explanation | None:
         """The simplest one that leaves no more than noise, of those with so many terms at most; None if none does.
+
+        All effects `alone`, without a law, are one of them where they leave no more than noise.
 
         Effects and laws cost the same. What is as simple and explains as much has effects rather than laws: a law may
         look like any of them. Of three effects pairs are not tried: each choice takes a search and a fit. But a law
         that was found beside effects may do without any of them: where it acts and on which soil is known then, which a
         search without them, on the soil that the force has bent, need not find.
         """
-        best, found = None, list[Explanation]()
+        every_effect = tuple(range(len(self._found.fitted)))
+        found = [Explanation(every_effect, *self._model(every_effect), None, None)] if alone else []
+        best: Explanation | None = None
         for count in sorted({0, 1, len(self._found.fitted)}):
             if count + 1 > (most if best is None else best.terms):  # with a law it would have more terms
                 break
             laws = int(min(most - count, len(LAWS)))
-            every = (self(which, laws) for which in combinations(range(len(self._found.fitted)), count))
+            every = (self(which, laws) for which in combinations(every_effect, count))
             found += [one for one in every if one.suffices]
             best = self._simplest(found) if found else None
-        while best is not None and best.effects:
+        while best is not None and best.effects and best.laws is not None:
             fewer = [one for place in best.effects if (one := self._without(best, place)).suffices]
             if not fewer:
                 break

@@ -15,7 +15,7 @@ from artibot_sim.diagnose.conclusion import HeldOut, concluded
 from artibot_sim.diagnose.policy import THRESHOLDS, Thresholds
 from artibot_sim.diagnose.records import Options, Verdict
 from artibot_sim.diagnose.selection import stepwise
-from artibot_sim.diagnose.selection.decision import Named
+from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.evidence import CommandEvidence, Evidence
 from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.timetable import Timetable
@@ -116,6 +116,41 @@ def test_errors_of_sensors_take_none_of_the_searches(monkeypatch: pytest.MonkeyP
     options, view = Options(thresholds=replace(THRESHOLDS, most=1)), command_view(hidden.recordings, robot)
     found = stepwise.StepwiseSelection(problem, fit, options, Timetable(), view).decide()
     assert [one.effect for one in found.named] == ["gyro_bias", "pose_lever_arm", "slope"]
+
+
+@pytest.mark.parametrize("left", [True, False])
+@pytest.mark.parametrize("laws", [True, False])
+def test_no_more_effects_are_looked_for_once_laws_explain_what_two_leave_far_more_than_noise_of(
+    monkeypatch: pytest.MonkeyPatch, laws: bool, left: bool
+) -> None:
+    """Laws are asked once, of the first two. What only commands show is named all the same, and beside it no fit is."""
+    motion, commanded = ("slope", "payload", "joint_damping"), "command_delay"
+    robot = load_robot("agriq")
+    hidden = case((), seed=3, runs=1, held_out=0, duration=10.0)
+    search_nothing(monkeypatch)
+    monkeypatch.setattr(stepwise, "_with_effect", lambda problem, fit, *_: (problem, fit))
+    monkeypatch.setattr(stepwise, "leaves_more_than_noise", lambda _: False)
+    monkeypatch.setattr(stepwise, "far_beyond_noise", lambda _: left)
+    monkeypatch.setattr(stepwise, "superfluous", lambda *_: None)
+
+    def made_up(evidence: object, fitted: object, commands: object, least: float, thresholds: Thresholds,
+                without: Collection[str] = (), tried: Collection[str] = ()) -> Named | None:  # fmt: skip
+        return next((Named(one, 1e3, ()) for one in (*motion, commanded) if one not in without), None)
+
+    monkeypatch.setattr(stepwise, "best_of", made_up)
+    monkeypatch.setattr(stepwise.StepwiseSelection, "_drop_from_commands", lambda _: False)
+    problem, fit = as_in_the_file(hidden.recordings, robot)
+    asked: list[list[str]] = []
+
+    def explained(decision: Decision) -> bool:
+        asked.append([one.effect for one in decision.named])
+        return laws
+
+    options, view = Options(), command_view(hidden.recordings, robot)
+    found = stepwise.StepwiseSelection(problem, fit, options, Timetable(), view, None, explained).decide()
+    assert asked == ([["slope", "payload"]] if left else [])
+    named = motion[:2] if laws and left else motion
+    assert [one.effect for one in found.named] == [*named, commanded]
 
 
 def search_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.sizes import sized
 from artibot_sim.diagnose.timetable import Timetable
-from artibot_sim.diagnose.unlisted.explanations import Explanations
+from artibot_sim.diagnose.unlisted.explanations import Explanation, Explanations
 from artibot_sim.diagnose.validation.predictions import LAWS
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.search import converge
@@ -46,6 +47,62 @@ def with_slope(*hidden: str) -> tuple[Case, Decision]:
     left = remains(larger, fit.point)
     assert leaves_more_than_noise(left)
     return found, Decision((Named("slope", 1000.0, ()),), 58.0, ((problem, neutral), (larger, fit)), (), {}, left)
+
+
+class Weighed(Explanations):
+    """Models of so many effects whose costs with so many laws beside are made up; without effects 10 000."""
+
+    def __init__(self, effects: int, alone: float, **costs: float) -> None:
+        names = tuple(SimpleNamespace(found={}) for _ in range(effects))
+        super().__init__(SimpleNamespace(fitted=names, problem=None, fit=fitted(alone), least=58.0))
+        self._models[()] = None, fitted(10_000.0)
+        self.costs, self.asked = costs, list[tuple[int, int]]()
+
+    def __call__(self, effects: tuple[int, ...], most: int = 3) -> Explanation:
+        self.asked.append((len(effects), most))
+        cost = self.costs.get(f"beside_{len(effects)}")
+        laws = None if cost is None else SimpleNamespace(spans={"force_law": ()}, fit=fitted(cost))
+        return Known(effects, None, fitted(10_000.0), None, laws)
+
+    def _without(self, one: Explanation, place: int) -> Explanation:
+        return Known((), None, fitted(10_000.0), None, None)
+
+
+class Known(Explanation):
+    """Laws suffice where there are any."""
+
+    @property
+    def suffices(self) -> bool:
+        return self.laws is not None
+
+
+def fitted(cost: float) -> SimpleNamespace:
+    return SimpleNamespace(point=SimpleNamespace(cost=cost))
+
+
+@pytest.mark.parametrize(
+    ("alone", "law", "better"),
+    [
+        (9800.0, 9500.0, True),
+        (9800.0, 9790.0, False),  # by 5 nats, which is a tie: the effect is on the list
+        (5000.0, 4900.0, False),  # by 50 nats of 2500
+        (9500.0, 9800.0, False),
+    ],
+)
+def test_a_law_takes_the_place_of_an_effect_that_leaves_noise_alone_where_it_explains_more(
+    alone: float, law: float, better: bool
+) -> None:
+    of = Weighed(1, alone, beside_0=law)
+    best = of.best(1, alone=True)
+    assert best is not None and (best.laws is not None) == better
+    assert set(of.asked) == {(0, 1)}, "an effect with a law beside it has more terms"
+
+
+def test_laws_are_tried_in_models_with_no_more_terms_than_asked_for() -> None:
+    of = Weighed(3, 9000.0, beside_1=8000.0)
+    best = of.best(3)
+    assert best is not None and best.terms == 2 and len(best.effects) == 1
+    assert of.asked == [(0, 3), (1, 2), (1, 2), (1, 2)]
 
 
 @pytest.mark.long
