@@ -13,12 +13,12 @@ from itertools import combinations
 from typing import TypeVar
 
 from artibot_sim.diagnose.candidates.hypotheses import without_effect
-from artibot_sim.diagnose.policy import TIE, TIE_SHARE
+from artibot_sim.diagnose.policy import FORCE_NATS, TIE, TIE_SHARE
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.timetable import Task, Timetable
 from artibot_sim.diagnose.unlisted.finding import ForceFinding, unexplained
-from artibot_sim.diagnose.unlisted.fitting import FittedLaws, fitted_laws
+from artibot_sim.diagnose.unlisted.fitting import FittedLaws, fitted_laws, law_of
 from artibot_sim.estimation.parallel import TimeIsUp, until
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge
@@ -112,9 +112,11 @@ class Explanations:
 
     @property
     def promised(self) -> bool:
-        """Whether a force explains enough of what all effects leave, by the regression alone."""
+        """Whether the regression has a force explain enough of what all effects leave that may be a law."""
         found = self._possible(tuple(range(len(self._found.fitted))))
-        return found is not None and bool(found.chosen)
+        modules = len(self._found.problem.parameters.robot.modules)
+        enough = [one.candidate for one in found.shortlist if one.candidate.worth >= FORCE_NATS] if found else []
+        return any(law_of(one, modules) is not None for one in enough)
 
     def _possible(self, which: Which) -> ForceFinding | None:
         """The forces that may be what some of the effects leave."""
