@@ -18,7 +18,7 @@ from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.timetable import Task, Timetable
 from artibot_sim.diagnose.unlisted.finding import ForceFinding, unexplained
-from artibot_sim.diagnose.unlisted.fitting import FittedLaws, fitted_laws, law_of
+from artibot_sim.diagnose.unlisted.fitting import FittedLaws, fitted_laws, promise
 from artibot_sim.estimation.parallel import TimeIsUp, until
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit, converge
@@ -112,11 +112,9 @@ class Explanations:
 
     @property
     def promised(self) -> bool:
-        """Whether the regression has a force explain enough of what all effects leave that may be a law."""
-        found = self._possible(tuple(range(len(self._found.fitted))))
-        modules = len(self._found.problem.parameters.robot.modules)
-        enough = [one.candidate for one in found.shortlist if one.candidate.worth >= FORCE_NATS] if found else []
-        return any(law_of(one, modules) is not None for one in enough)
+        """Whether sensitivities of whole windows promise enough of a law beside all effects."""
+        nats = self._in_time(lambda: promise(self._found.problem, self._found.fit))
+        return nats is not None and nats >= FORCE_NATS
 
     def _possible(self, which: Which) -> ForceFinding | None:
         """The forces that may be what some of the effects leave."""

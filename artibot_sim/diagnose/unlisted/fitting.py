@@ -285,6 +285,13 @@ def _by_sensitivities(base: Around, name: str) -> list[_Law]:
     return begun
 
 
+def promise(problem: Problem, fit: Fit) -> float:
+    """Nats that sensitivities of whole windows promise of the best law beside a fit, its coefficients paid for."""
+    found, _ = promised(around(problem, fit.loss, fit.point))
+    modules = len(problem.parameters.robot.modules)
+    return max((one.net_gain for one in found if law_of(one, modules) is not None), default=0.0)
+
+
 def _simplest(laws: Sequence[_Law]) -> _Law | None:
     """The one that explains most; of those that tie with it one with the fewest numbers, and then variables.
 
