@@ -45,7 +45,7 @@ def with_slope(*hidden: str) -> tuple[Case, Decision]:
     begin = np.concatenate([neutral.point.coordinates, own])
     fit = converge(larger, evaluate(larger, EVEN, [begin], neutral.point.starts)[0], EVEN, 8)
     left = remains(larger, fit.point)
-    assert leaves_more_than_noise(left)
+    assert leaves_more_than_noise(left) == (hidden != ("slope",))
     return found, Decision((Named("slope", 1000.0, ()),), 58.0, ((problem, neutral), (larger, fit)), (), {}, left)
 
 
@@ -128,7 +128,14 @@ def test_a_force_is_found_beside_an_effect_and_both_are_in_the_extended_model() 
 @pytest.mark.long
 def test_an_effect_that_is_not_there_is_not_needed_beside_the_force() -> None:
     _, searched = with_slope("joint_preload")
-    best = Explanations(searched).best()
-    assert best is not None and best.effects == () and len(best.laws.spans) == 1
+    of = Explanations(searched)
+    best = of.best()
+    assert of.promised and best is not None and best.effects == () and len(best.laws.spans) == 1
     late = Explanations(searched, latest=time.perf_counter())
     assert late.force() is None and late.best() is None and late.untried == ("forces on no list",)
+
+
+@pytest.mark.long
+def test_beside_the_effect_that_acts_no_law_is_promised() -> None:
+    _, searched = with_slope("slope")
+    assert not Explanations(searched).promised
