@@ -206,8 +206,8 @@ _DELAY = 0.1
 
 def fit_artibot(part: RecordingPart, robot: Robot, beside: Sequence[tuple[str, str]], rolling: Kinematic) -> Work:
     """The soil, and what else is asked for, identified from a part to which `rolling` was fitted."""
+    from artibot_sim.estimation.parameters import SOIL
     from artibot_sim.identify import identify, parse_priors
-    from artibot_sim.identify.run import SOIL
 
     late = {_LATE[0]: f"{max(rolling.delay, STEP):.3g}±{_DELAY}"}
     given = [f"{name}={prior or late.get(name)}" for name, prior in beside if prior or name in late]

@@ -7,7 +7,8 @@
 """
 
 from artibot_sim.diagnose.pipeline import diagnose
-from artibot_sim.diagnose.records import Options, Verdict
+from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.result import Diagnosis
+from artibot_sim.diagnose.verdict import Verdict
 
 __all__ = ["Diagnosis", "Options", "Verdict", "diagnose"]

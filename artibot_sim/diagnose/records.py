@@ -19,32 +19,7 @@ from artibot_sim.diagnose.policy import (
     WORTH_LEARNING,
     Thresholds,
 )
-from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.model import Robot
-
-__all__ = [
-    "FALSE_ALARM_RATE",
-    "HALF_WIDTH",
-    "HORIZON",
-    "PRIOR_ODDS",
-    "Candidate",
-    "Cause",
-    "ChannelBaseline",
-    "ChannelGain",
-    "Comparison",
-    "EffectEstimate",
-    "ErrorLocation",
-    "ErrorSeries",
-    "Explainable",
-    "NextExperiment",
-    "Options",
-    "PredictionError",
-    "Predictor",
-    "Refusal",
-    "SlowResidual",
-    "Unexplained",
-    "Verdict",
-]
 
 # ----------------------------------------------------------------------
 # How a diagnosis is made.

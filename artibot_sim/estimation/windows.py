@@ -24,8 +24,7 @@ from artibot_sim.model.robot.parameters import ModuleParams
 from artibot_sim.model.simulate.rollout import motor_coordinates
 from artibot_sim.model.simulate.sensors import sensor_errors, true_starts
 from artibot_sim.model.simulate.state import initial_state, posture_at_rest
-from artibot_sim.model.simulate.window_inputs import KINDS, SamplingPlan
-from artibot_sim.model.simulate.windows import by_numbers
+from artibot_sim.model.simulate.window_inputs import KINDS, SamplingPlan, by_numbers
 
 # ----------------------------------------------------------------------
 # Where windows start: the measured state and its uncertainty, and the model's state at many guesses of it.

@@ -12,8 +12,8 @@ from artibot_sim.errors import ArtibotError
 from artibot_sim.model import Commands, Mode, Robot, State, load_robot, rollout
 from artibot_sim.model.effects.residual_force import FORCES
 from artibot_sim.model.robot.robot import unchecked
-from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, SamplingPlan
-from artibot_sim.model.simulate.windows import WindowBatch, by_numbers, window_step
+from artibot_sim.model.simulate.window_inputs import KINDS, Items, MotorTable, SamplingPlan, by_numbers
+from artibot_sim.model.simulate.windows import WindowBatch, window_step
 
 ALL = (Mode.PRESCRIBED,) * 4
 

@@ -17,10 +17,10 @@ from artibot_sim.diagnose.records import (
     ErrorSeries,
     NextExperiment,
     Unexplained,
-    Verdict,
 )
 from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.diagnose.validation.residuals import places
+from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.estimation.windows import CHANNEL_NAMES, Window
 from artibot_sim.experiment import Experiment
 from artibot_sim.experiment.measured import Measured

@@ -22,9 +22,9 @@ from artibot_sim.diagnose.records import (
     ErrorBudget,
     Unexplained,
     Varies,
-    Verdict,
 )
 from artibot_sim.diagnose.result import Diagnosis
+from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.diagnose.words import amount, channel_words, effect_words, force_words
 from artibot_sim.errors import ArtibotError
 from artibot_sim.model import load_robot

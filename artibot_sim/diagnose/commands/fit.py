@@ -35,8 +35,16 @@ from artibot_sim.diagnose.commands.model import (
 )
 from artibot_sim.diagnose.commands.noise import SpeedNoise, noise_in, sensor_noise
 from artibot_sim.diagnose.commands.series import CommandedLevel, level_of, series_of
-from artibot_sim.diagnose.policy import SMALLEST_DEADBAND, SMALLEST_DELAY, SMALLEST_SAG, SMALLEST_SCALE, THRESHOLDS
-from artibot_sim.diagnose.records import FALSE_ALARM_RATE, PRIOR_ODDS, ErrorSeries, SlowResidual
+from artibot_sim.diagnose.policy import (
+    FALSE_ALARM_RATE,
+    PRIOR_ODDS,
+    SMALLEST_DEADBAND,
+    SMALLEST_DELAY,
+    SMALLEST_SAG,
+    SMALLEST_SCALE,
+    THRESHOLDS,
+)
+from artibot_sim.diagnose.records import ErrorSeries, SlowResidual
 from artibot_sim.experiment import Experiment
 from artibot_sim.model import Robot
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from artibot_sim.diagnose.records import EffectEstimate, SlowResidual, Verdict
+from artibot_sim.diagnose.records import EffectEstimate, SlowResidual
 from artibot_sim.diagnose.selection.evidence import CommandEvidence
 from artibot_sim.diagnose.selection.forward import SearchStage
 from artibot_sim.diagnose.selection.per_recording import ByRecording
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
 from artibot_sim.diagnose.unlisted.fitting import FittedLaws
+from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit
 

@@ -11,10 +11,11 @@ from artibot_sim.diagnose.candidates.hypotheses import why_unseen
 from artibot_sim.diagnose.candidates.patches import RADII, deviations_along
 from artibot_sim.diagnose.candidates.screening import Around, Trial
 from artibot_sim.diagnose.policy import Thresholds
-from artibot_sim.diagnose.records import DECADE, Candidate, Verdict
+from artibot_sim.diagnose.records import DECADE, Candidate
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.evidence import CommandEvidence
 from artibot_sim.diagnose.selection.forward import SearchStage, refusal
+from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.estimation.checks.common_map import experiments_of, in_common_map, needed
 from artibot_sim.estimation.parameters import SPREAD, Extension
 from artibot_sim.model.effects import EFFECTS

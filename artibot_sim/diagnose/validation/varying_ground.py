@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from artibot_sim.diagnose.records import FALSE_ALARM_RATE
+from artibot_sim.diagnose.policy import FALSE_ALARM_RATE
 from artibot_sim.diagnose.validation.error_budget import as_fitted, candidates, held_windows, levels_of, sum_interval
 from artibot_sim.estimation.problem import Problem
 from artibot_sim.estimation.search import Fit

@@ -32,10 +32,10 @@ from artibot_sim.diagnose.records import (
     SlowResidual,
     Unexplained,
     Varies,
-    Verdict,
 )
 from artibot_sim.diagnose.result import SCHEMA, Diagnosis
 from artibot_sim.diagnose.validation.predictors import CHANNELS, errors
+from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.search import SearchReport
 from artibot_sim.model import Robot, load_robot

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from artibot_sim.diagnose.records import DECADE, Candidate, EffectEstimate, Unexplained, Verdict
+from artibot_sim.diagnose.records import DECADE, Candidate, EffectEstimate, Unexplained
 from artibot_sim.diagnose.result import Diagnosis
+from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.diagnose.words import (
     amount,
     channel_words,

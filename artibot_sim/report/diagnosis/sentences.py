@@ -6,12 +6,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from artibot_sim.diagnose.policy import HORIZON
 from artibot_sim.diagnose.records import (
     BASELINE,
     DECADE,
     EXTENDED,
     FILES,
-    HORIZON,
     Candidate,
     Cause,
     ChannelBaseline,

@@ -16,7 +16,7 @@ from diagnose.hidden.machine import Machine, machine, random_soil
 from diagnose.hidden.sensors import Noise, Table
 from diagnose.hidden.unlisted import LAWS, ON_COMMANDS, UNLISTED
 
-from artibot_sim.diagnose.records import HORIZON
+from artibot_sim.diagnose.policy import HORIZON
 from artibot_sim.diagnose.sizes import factors, scale_of
 from artibot_sim.errors import ArtibotError
 from artibot_sim.estimation.parameters import SOIL

@@ -13,13 +13,14 @@ from artibot_sim.diagnose.candidates.screening import Trial
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import without_ties_among_named
 from artibot_sim.diagnose.policy import THRESHOLDS
-from artibot_sim.diagnose.records import DECADE, EffectEstimate, Verdict
+from artibot_sim.diagnose.records import DECADE, EffectEstimate
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.evidence import Evidence, others
 from artibot_sim.diagnose.selection.forward import SearchStage
 from artibot_sim.diagnose.selection.joint_fits import Rival
 from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.unlisted.finding import ForceFinding
+from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import Extension
 from artibot_sim.estimation.problem import Problem

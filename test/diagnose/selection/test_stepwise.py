@@ -13,12 +13,13 @@ from diagnose.searches import FEW, baseline, remember_stages, try_only
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import HeldOut, concluded
 from artibot_sim.diagnose.policy import THRESHOLDS, Thresholds
-from artibot_sim.diagnose.records import Options, Verdict
+from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.selection import stepwise
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.evidence import CommandEvidence, Evidence
 from artibot_sim.diagnose.selection.ranking import ranking
 from artibot_sim.diagnose.timetable import Timetable
+from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.problem import Problem

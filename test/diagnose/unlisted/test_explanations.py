@@ -14,13 +14,14 @@ from artibot_sim.diagnose.assessment import Assessor
 from artibot_sim.diagnose.candidates.hypotheses import with_effect
 from artibot_sim.diagnose.commands.view import command_view
 from artibot_sim.diagnose.conclusion import concluded
-from artibot_sim.diagnose.records import Options, Verdict
+from artibot_sim.diagnose.records import Options
 from artibot_sim.diagnose.remains import leaves_more_than_noise, remains
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.sizes import sized
 from artibot_sim.diagnose.timetable import Timetable
 from artibot_sim.diagnose.unlisted.explanations import Explanation, Explanations
 from artibot_sim.diagnose.validation.predictions import LAWS
+from artibot_sim.diagnose.verdict import Verdict
 from artibot_sim.estimation.parameters import SOIL
 from artibot_sim.estimation.search import converge
 from artibot_sim.estimation.solver import evaluate
