@@ -165,9 +165,9 @@ def _key(name: str, quantities: Mapping[str, object]) -> str:
         raise ArtibotError(
             f"fit: '{name}': unknown effect{did_you_mean(effect, EFFECTS)}; `artibot effects list` has them all"
         )
-    short = [_short(key) for key in quantities]
-    close = did_you_mean(_short(name), short)
-    raise ArtibotError(f"fit: '{name}' is no parameter of the robot{close}; expected one of {', '.join(short)}")
+    known = [*GROUPS, *map(_short, quantities)]
+    close = did_you_mean(_short(name), known)
+    raise ArtibotError(f"fit: '{name}' is no parameter of the robot{close}; expected one of {', '.join(known)}")
 
 
 def _short(key: str) -> str:

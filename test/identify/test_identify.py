@@ -323,6 +323,7 @@ def test_gaps_held_samples_and_rates(real: Robot) -> None:
     [
         (["k_x"], {}, "no parameter"),
         (["contact.mus"], {}, "did you mean 'mu_s'"),
+        (["geomtry"], {}, "did you mean 'geometry'"),
         (["effects.slop.grade"], {}, "unknown effect, did you mean 'slope'"),
         (["k_l", "contact.k_l"], {}, "twice"),
         ([], {}, "nothing named"),
