@@ -14,6 +14,7 @@ from artibot_sim.errors import ArtibotError
 Array = NDArray[np.float64]
 
 _DEPTH = 3
+"""Splits from the root of a tree to its leaves."""
 _NODES = 2 ** (_DEPTH + 1) - 1
 _TREES, _RATE, _SHARE = 200, 0.05, 0.7
 """Trees of each output, how much each counts, and the share of rows that it is grown on."""

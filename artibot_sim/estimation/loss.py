@@ -22,6 +22,7 @@ FIRM_BEND = 4.0
 """Excess of a window's channel over what noise gives, in standard deviations of that, from which it counts by its
 logarithm in the end. A wheel that all but breaks away, and in the model does, is no evidence for another soil."""
 _LAGS = 60
+"""Samples of lag up to which autocorrelations are summed, at most."""
 _FEWEST = 12
 """Samples of a window, without which their autocorrelation is not asked for."""
 _UNEXPLAINED = 3.0

@@ -189,6 +189,7 @@ moves are seen as often as they count."""
 _LONGEST = 0.25
 """Longest step of a logarithm, and of an effect's coordinate."""
 _LONGEST_EFFECT = 0.7
+"""Longest step of an effect's coordinate, in plain sizes."""
 _LINEAR = 10.0
 """Prior deviations from a signed value's middle to where its logarithm ends: over three of them it bends by a sixth."""
 

@@ -46,6 +46,7 @@ from artibot_sim.model.simulate.windows import WindowBatch, window_step
 Array = NDArray[np.float64]
 
 _SHARE = 0.99
+"""Share of the sensitivities of a channel that set the limit for all of them."""
 
 
 @dataclass(frozen=True)

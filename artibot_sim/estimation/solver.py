@@ -15,6 +15,7 @@ from artibot_sim.estimation.problem import Problem, Sensitivity
 Array = NDArray[np.float64]
 
 _DAMPING = 1e-3
+"""Levenberg's damping at the start of a fit."""
 _SHARES = (1.0, 0.3, 0.0)
 """How much of its own step a window's start takes: the best of these."""
 _START_STEPS = 3.0

@@ -30,21 +30,25 @@ SPAN = 1.0
 BLOCK = 8.0
 """s that count as one independent piece of a recording."""
 LEAST_BLOCKS = 6
-"""without which nothing is known of how a delay scatters."""
+"""Independent pieces of a recording, without which nothing is known of how a delay scatters."""
 _COARSE, _FINE = 0.02, 0.004
 """s between delays that are tried, first and last."""
 _MOST_ROWS = 3000
+"""Rows of a comparison, at most: of more, rows are taken evenly."""
 _FEWEST = 60
-"""Rows."""
+"""Rows of a comparison without which no delay is said."""
 _NEAR = 0.12
 """s around the best delay in which the fine ones are."""
 _SKEW_SHARE = 0.05
-"""Of a drift, what parabolas through each block's rest are wrong by."""
+"""Share of a drift by which parabolas through each block's rest are wrong."""
 _GRID = 0.01
+"""s between samples of a first-order lag."""
 LAGS = (0.0, 0.03, 0.06, 0.1)
 """s of first-order lag with which a rover may answer its wheels."""
 _DRAWS = 200
+"""Draws of blocks, by which delays and drifts scatter."""
 _SHIFTS = 100
+"""Shifts to other times, by which agreement by chance is known."""
 _FLOOR = 0.004
 """s: no standard deviation of a delay is claimed to be less."""
 _STEADY = 3.0

@@ -25,6 +25,7 @@ _HOPELESS = 30.0
 _ALWAYS = 0.018
 """So far it goes in any case, for other draws of windows may have their best there."""
 _DRAWS = 1000
+"""Random weightings of the windows."""
 _TAILS = (0.025, 0.975)
 
 

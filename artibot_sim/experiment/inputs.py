@@ -27,6 +27,7 @@ HALF_WIDTH = 0.04
 GAP = 0.5
 """Silence of a command, s, after which the motor is taken to have been told to stand."""
 _KNOT = 0.01
+"""s between knots of the inputs."""
 MOTOR_GAP = 0.2
 """s without a motor sample through which no prediction runs."""
 _SHORTEST = 0.5

@@ -53,6 +53,7 @@ Samples = tuple[Floats, Floats]
 """Times (n,) in s, and values (n, k)."""
 
 _NODES = 1.0
+"""s between headings that are fitted."""
 COURSE_SPAN = 30.0
 """s before and after an instant whose course and yaw rate give its heading."""
 COURSE_HALF_WIDTH = 0.3

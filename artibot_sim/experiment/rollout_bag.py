@@ -28,6 +28,7 @@ MOTORS = ("front_right", "front_left", "back_right", "back_left")
 START_NS = 1_000_000_000
 """Stamp of t = 0 by default: not 0, which in a header means "no stamp"."""
 _PLANNED_PERIOD = 0.04
+"""s between rows of what was planned."""
 _REPORT_EVERY = 1000
 """Messages between two words on the progress."""
 Table = tuple[Stamps, Mapping[str, Floats]]

@@ -22,8 +22,11 @@ _USUAL = 20
 STAMP = 1e-6
 """s that a stamp and a border may differ by and still be the same instant: sums of seconds round by their last bit."""
 _BLOCK = 8192
+"""Instants that are fitted at once."""
 _NOISE_SAMPLES = 7
+"""Samples of the cubic whose rest shows white noise."""
 _FEWEST = 15
+"""Samples without which nothing is said of noise."""
 _NOISE_LEVERAGE = 7.0 / 21.0  # weight of the middle one of seven even samples in a cubic's value there
 _WIDTHS = (5, 7, 9, 11, 15, 21, 31, 41)
 """Samples through which cubics are tried, from narrow to wide."""

@@ -58,6 +58,7 @@ LOWEST_NOISE = 0.7
 """Least noise that residuals may show, in that of neighbouring samples. Not in what was assumed before: how wrong an
 earlier fit was, and so where it ended, must not matter once a better one is found."""
 _SETTLE = 8
+"""Steps at most of a fit that goes on from where another one ended."""
 _POOR = 1.4
 """Residuals over the sensor's noise from which a search has probably missed the best optimum; a total station's slow
 errors alone make as much."""

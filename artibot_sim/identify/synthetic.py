@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 START_NS = 1_000_000_000
 _EVERY = 1e-3
+"""s between rows of the simulation."""
 _BLEND = 0.3
 """m over which curvature changes: no real motor's speed jumps."""
 

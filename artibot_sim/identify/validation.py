@@ -69,6 +69,7 @@ _WORST = 0.05
 _LEAP = 2.0
 """m/s from one measured position to the next, faster than any rover here drives."""
 _FEWEST = 20
+"""Windows without which nothing is said of late poses."""
 _GAINS = 0.9
 """RMSE of a kinematic model with a delay of the poses over that without, from which on the delay counts."""
 
@@ -184,6 +185,7 @@ _STEPS = 4
 _OTHER = 0.3
 """s during which other wheels slide than in the measured run, before the branch counts as left."""
 _LOOK = 0.02
+"""s between instants at which it is asked which wheels slide."""
 _FAR = 4.0
 """Distance, in the sensor's noise, that a run which has left its branch must reach."""
 

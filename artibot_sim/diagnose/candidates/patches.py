@@ -40,6 +40,7 @@ _BAD = 1.15
 _MOST = 60
 """Candidates at most for centres, the worst explained first."""
 _KEPT = 6
+"""Discs that are kept of those tried."""
 _AT_ONCE = 200
 """Windows that are simulated together."""
 _SMALL = 0.3
@@ -328,10 +329,12 @@ _BLUNT = 4.0
 _COUNT = 6.0
 """So many discs count at least: a few centimetres cost hundreds of nats, and one disc alone tells no direction."""
 _WIDER = 1.5
+"""Factor by which discs are drawn wider than what is known of the best one."""
 _LEAST = 0.05
 """Standard deviation of what no residual shows, and of what lies between discs that were tried, m."""
 _STEPS = 2
 _DRAWS = 600
+"""Random weightings of the windows."""
 _ENDS = (0.025, 0.975)
 
 

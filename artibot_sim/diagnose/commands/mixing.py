@@ -24,6 +24,7 @@ _PIECES = 24
 _LEAST = 20 * _PIECES
 """Samples without which nothing is said."""
 _DRAWS = 400
+"""Draws of blocks."""
 
 
 class Mixing(NamedTuple):

@@ -135,7 +135,9 @@ RATES = {"position": 10.0, "yaw": 10.0, "yaw_rate": 20.0, "articulation_yaw": 20
          "torque_back": 20.0}  # fmt: skip
 """Samples a second that count, Hz: faster ones err alike."""
 _STEP = 1e-3
+"""Integration step, s."""
 _KNOT = 0.01
+"""s between knots of the commands."""
 
 
 @dataclass(frozen=True)
@@ -284,10 +286,13 @@ _STARTS = np.array([0.03, 0.03, 0.1, 0.03, 0.03, 0.015, 0.01, 0.05])
 """Standard deviations of a window's start: x, y, yaw, velocities, joint."""
 _STEPS = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3, 1e-3, 3e-3])
 _ROUNDS = 8
+"""Gauss-Newton steps of a rival, at most."""
 _FALL = (0.5, 0.05)
 """Fall of the loss in a round, nats and over what is left, under which it has ended."""
 _FREEDOM = 5.0
+"""Degrees of freedom of Student's distribution, in which residuals are judged."""
 _LOST = 50.0
+"""Residual, in units of noise, of a sample that the simulation never reached."""
 
 
 @dataclass(frozen=True)

@@ -35,9 +35,11 @@ Array = NDArray[np.float64]
 CHANNELS = ("position", "yaw")
 """What corrections of velocities change directly."""
 _FOLDS = 5
+"""Folds, at most, each predicted by what was learned from the others."""
 FEWEST = 8
 """Windows without which nothing is learned."""
 _DRAWS = 500
+"""Draws of windows."""
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from artibot_sim.model import Robot
 Array = NDArray[np.float64]
 
 _DRAWS = 500
+"""Draws of windows."""
 STEPS = 2
 """Of the starts that predictions begin with."""
 _BLOCK = 5.0

@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 CHANNELS = ("position", "yaw")
 """What all of them predict."""
 _DRAWS = 500
+"""Draws of windows."""
 
 
 def predictors(

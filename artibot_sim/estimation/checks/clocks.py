@@ -26,6 +26,7 @@ TOGETHER = 0.07
 DRIFT_REPORTED = 0.02
 """s by which a clock must run away over a recording, at the least that its interval allows."""
 SKEW_REPORTED = 100e-6
+"""Seconds a second by which a clock must run away, at the least that its interval allows."""
 
 
 def delays(of: StreamComparisons) -> Iterator[Finding]:

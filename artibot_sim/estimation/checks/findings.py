@@ -32,6 +32,7 @@ from artibot_sim.model import MOTORS, Robot
 Array = NDArray[np.float64]
 
 HELD_REPORTED = 0.2
+"""Share of repeated samples from which on it is said."""
 SCALE_REPORTED = 0.04
 """Gyroscope's scale beside 1, at the least."""
 BIAS_REPORTED = 0.01
@@ -51,6 +52,7 @@ SHORTEST = 2.0
 _CREPT = 0.05
 """m/s from which on a pose counts as moving."""
 _SURE = 3.0
+"""Standard deviations from which a coefficient has a sign."""
 _AIR_WAY, _AIR_SHARE = 3.0, 0.15
 """m that wheels rolled while the rover went less than this share of it."""
 

@@ -20,6 +20,7 @@ NAN_REPORTED = 0.02
 _JUMP_BACK = 0.2
 """Share of a topic's samples that lie far from both neighbours while these agree: two sources in one topic."""
 _LEAST_STEP = 0.05
+"""m or rad of a leap to and fro, below which it may be noise."""
 
 
 @dataclass(frozen=True)

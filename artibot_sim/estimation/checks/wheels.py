@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 FACTOR_REFUSED = 3.0
 """Wheels that rolled so many times what the rover went (or so little of it) are another robot's."""
 _FACTOR_REPORTED = 1.5
+"""Factor between the way that wheels rolled and the way gone, from which on it is said."""
 _LEAST_WAY = 0.5
 """m that wheels or rover must have moved."""
 _STRIDE = 1.0
