@@ -69,7 +69,7 @@ _WORST = 0.05
 _LEAP = 2.0
 """m/s from one measured position to the next, faster than any rover here drives."""
 _FEWEST = 20
-"""Windows without which nothing is said of late poses."""
+"""Windows without which none is named."""
 _GAINS = 0.9
 """RMSE of a kinematic model with a delay of the poses over that without, from which on the delay counts."""
 
