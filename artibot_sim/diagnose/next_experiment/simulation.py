@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from artibot_sim.estimation.measurements import sampled
-from artibot_sim.estimation.windows import postures, states
+from artibot_sim.estimation.problem import start_steps
+from artibot_sim.estimation.windows import for_starts, postures, states
 from artibot_sim.experiment import Channel, Experiment
 from artibot_sim.experiment.inputs import recorded_motors
 from artibot_sim.model import MOTORS, Mode, Robot, Rollout, Status, initial_state, rollout
@@ -283,8 +284,7 @@ SIZE_SD = 0.2
 _PLACES = {"rad": 0.3, "m": 0.3}
 """By how much an effect's places and directions may differ from what earlier recordings gave, by unit."""
 _STARTS = np.array([0.03, 0.03, 0.1, 0.03, 0.03, 0.015, 0.01, 0.05])
-"""Standard deviations of a window's start: x, y, yaw, velocities, joint."""
-_STEPS = np.array([1e-3, 1e-3, 1e-3, 3e-3, 3e-3, 3e-3, 1e-3, 3e-3])
+"""Standard deviations of a window's start, in the order of `estimation.windows.START`."""
 _ROUNDS = 8
 """Gauss-Newton steps of a rival, at most."""
 _FALL = (0.5, 0.05)
@@ -392,11 +392,11 @@ class TrialExplanation:
         return robot
 
     def _residuals(self, shifts: Sequence[Array], moves: Array) -> list[list[Array]]:
-        """Residuals, window by window, for several sets of changes; `moves` is (sets, windows, 8 or 6)."""
+        """Residuals, window by window, for several sets of changes; `moves` is (sets, windows, size of a start)."""
         count = len(self.trial.plans)
         robots = [self._robot_at(t) for t in shifts]
-        sd = _STARTS[: moves.shape[-1]]
-        starts = (self.trial.starts + moves * sd).reshape(-1, moves.shape[-1])
+        size = moves.shape[-1]
+        starts = (self.trial.starts + moves * for_starts(_STARTS, size)).reshape(-1, size)
         each = np.arange(count, dtype=np.int64)
         robot, window = np.repeat(np.arange(len(robots), dtype=np.int64), count), np.tile(each, len(robots))
         flat = self.trial.predicted(robots, robot, window, starts)
@@ -419,7 +419,7 @@ class TrialExplanation:
         eye = 0.05 * np.eye(len(shifts))
         sets = [shifts, *(shifts + row for row in eye), *(shifts for _ in range(size))]
         starts = np.repeat(moves[None], len(sets), axis=0)
-        steps = _STEPS[:size] / _STARTS[:size]
+        steps = start_steps(size) / for_starts(_STARTS, size)
         for k in range(size):
             starts[1 + len(shifts) + k, :, k] += steps[k]
         found = self._residuals(sets, starts)

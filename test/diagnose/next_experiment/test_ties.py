@@ -49,6 +49,19 @@ def test_a_robot_is_not_told_from_itself(entry) -> None:
     assert hardest({"one": PULLED["slope"], "other": PULLED["slope"]}, entry, NOISE) < 1e-3
 
 
+def test_trains_are_told_apart_as_well() -> None:
+    """A start has two numbers more for each joint behind the first."""
+    train = load_robot("train3")
+    effects: dict[str, dict] = {
+        "slope": {"grade": 0.05, "heading": 1.0},
+        "external_force": {"force": 35.0, "heading": 1.0},
+    }
+    robots = {name: replace(train, effects={name: values}) for name, values in effects.items()}
+    assert hardest(dict.fromkeys(("one", "other"), robots["slope"]), BY_NAME["jerks"], NOISE) < 1e-3
+    found = next_experiment(robots, NOISE, library=[BY_NAME["jerks"]])
+    assert found is not None and found.manoeuvre == "jerks" and found.nats > 0.1
+
+
 def test_another_soil_and_another_size_are_no_difference() -> None:
     """What recordings so far leave open is taken up: hardly anything is left of it."""
     driven = trial(PULLED["slope"], BY_NAME["bends"], (0.0, 0.0), tuple(NOISE))
