@@ -201,6 +201,11 @@ header p, footer { color: var(--muted); font-size: .93rem; }
 header p { margin: 2px 0; }
 header p.said { color: var(--ink); font-size: 1.05rem; margin-top: 6px; }
 footer { padding-bottom: 24px; padding-top: 12px; }
+ul.findings, ul.warnings { padding-left: 1.2em; margin: 6px 0; max-width: 84ch; }
+ul.findings { margin-bottom: 14px; } ul.findings:has(+ details) { margin-bottom: 4px; }
+ul.findings li, ul.warnings li { list-style: none; border-left: 4px solid var(--tie); padding-left: 10px;
+  margin: 4px 0 4px -1.2em; overflow-wrap: anywhere; }
+details.findings { margin-bottom: 14px; } details.findings summary { cursor: pointer; color: var(--good); }
 nav.outline { position: sticky; top: 0; z-index: 5; display: flex; gap: 2px 4px; overflow-x: auto; white-space: nowrap;
   background: var(--paper); border-bottom: 1px solid var(--grid); padding: 6px 12px; margin-top: 10px; }
 nav.outline a, nav.outline button { font: inherit; font-size: .9rem; color: var(--muted); text-decoration: none;
@@ -431,10 +436,8 @@ def render_page(
     """
     hints = (THINNED, HINT) if any(map(is_thinned, figure.panels)) else (HINT,)
     charts = [chart(panel, figure.time_span) | {"time": panel.timed} for panel in figure.panels]
-    wrong, below = (
-        "".join(f"<p>{html.escape(sentence)}</p>" for sentence in sentences) for sentences in (findings, answer)
-    )
-    parts = [Part("Answer", wrong + _table(table[:first], columns) + below)]
+    below = "".join(f"<p>{html.escape(sentence)}</p>" for sentence in answer)
+    parts = [Part("Answer", findings_list(findings) + _table(table[:first], columns) + below)]
     for name in dict.fromkeys(panel.part for panel in figure.panels):
         parts.append(Part(name or "Charts", _panels(figure, name), name not in closed))
     parts.append(Part("Figures of merit", _table(table[first:], columns), "table" not in closed))
@@ -446,6 +449,20 @@ def render_page(
         charts,
         script=_SCRIPT,
     )
+
+
+def listed(lines: Sequence[str], name: str = "") -> str:
+    """A list of plain texts."""
+    inside = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
+    return f'<ul class="{name}">{inside}</ul>' if inside else ""
+
+
+def findings_list(lines: Sequence[str]) -> str:
+    """What is wrong with recordings: the first open, the rest folded; a phone's first screen has the verdict, too."""
+    if len(lines) <= 2:
+        return listed(lines, "findings")
+    rest = f"<summary>{len(lines) - 1} more about the recordings</summary>{listed(lines[1:], 'findings')}"
+    return f'{listed(lines[:1], "findings")}<details class="findings">{rest}</details>'
 
 
 def _head(figure: Figure, said: Sequence[str]) -> str:

@@ -11,7 +11,7 @@ from artibot_sim.report.panels import Floats, Line, Panel
 from artibot_sim.report.style import Stroke
 
 RANKS = (("typical", 0.5), ("bad", 0.9), ("worst", 1.0))
-"""What a window is called, and the share of windows that err by no more than it."""
+"""What a window is called, and the share of windows that err by no more than it, of those in which the rover moves."""
 _STANDS = 0.1
 """Way in a window, of the longest one's, below which the rover hardly moves and a picture shows the sensor's noise."""
 
@@ -84,7 +84,7 @@ def _reach(points: Floats) -> float:
 def share_of(name: str) -> str:
     """Which window a rank is, in words."""
     share = dict(RANKS)[name]
-    return "the worst" if share == 1.0 else f"{name} ({100 * share:.0f} % err by no more)"
+    return "the worst" if share == 1.0 else f"{name} (where it moves {100 * share:.0f} % err by no more)"
 
 
 def _panel(key: str, said: str, drive: WindowErrors) -> Panel:

@@ -29,7 +29,7 @@ from artibot_sim.model.effects import EFFECTS
 from artibot_sim.model.effects.base import Choice
 from artibot_sim.report.diagnosis import charts, sentences
 from artibot_sim.report.diagnosis.charts import interval
-from artibot_sim.report.page import Part, render_frame
+from artibot_sim.report.page import Part, findings_list, listed, render_frame
 from artibot_sim.report.panels import Panel, extent
 from artibot_sim.report.web import chart
 
@@ -52,12 +52,6 @@ p.next { color: inherit; font-weight: 600; }
 ul { padding-left: 1.2em; margin: 6px 0; } li { margin: 4px 0; overflow-wrap: anywhere; }
 ul.said li::first-letter { text-transform: uppercase; }
 header ul.causes { font-size: 1.15rem; font-weight: 600; margin: 4px 0 10px; padding-left: 1.2em; }
-header ul.findings { max-width: 84ch; margin-bottom: 14px; }
-header ul.findings:has(+ details) { margin-bottom: 4px; }
-header details.findings { margin-bottom: 14px; }
-header details.findings summary { cursor: pointer; color: var(--good); }
-ul.warnings li, ul.findings li { list-style: none; border-left: 4px solid var(--tie); padding-left: 10px;
-  margin-left: -1.2em; }
 details details { margin: 8px 0; } details details summary { cursor: pointer; padding: 4px 0; color: var(--good); }
 .first, .row, .grid3 { display: grid; grid-template-columns: minmax(0, 1fr); gap: 0 24px; }
 .plot.square { height: min(92vw, 460px); }
@@ -295,7 +289,7 @@ def page_of(found: Diagnosis, version: str) -> bytes:
         _next(found), _free_runs(page), _excluded(found),
     )  # fmt: skip
     head = (
-        f"{_findings(found.findings)}"
+        f"{findings_list(found.findings)}"
         f'<p class="verdict {found.verdict.value}">{html.escape(_answer(found))}</p>'
         f"{_headline(found)}"
         f'<p class="sure"><b>Next:</b> {html.escape(sentences.next_step(found))}</p>'
@@ -323,14 +317,6 @@ def _answer(found: Diagnosis) -> str:
     if found.verdict in (Verdict.NAMED, Verdict.AMBIGUOUS) and len(ties) == 2:
         return "cause found, another one ties"
     return _VERDICTS[found.verdict]
-
-
-def _findings(lines: Sequence[str]) -> str:
-    """What is wrong with recordings: the first open, the rest folded; a phone's first screen has the verdict, too."""
-    if len(lines) <= 2:
-        return listed(lines, "findings")
-    rest = f"<summary>{len(lines) - 1} more about the recordings</summary>{listed(lines[1:], 'findings')}"
-    return f'{listed(lines[:1], "findings")}<details class="findings">{rest}</details>'
 
 
 def _more(found: Diagnosis) -> str:
@@ -406,12 +392,6 @@ def folded(title: str, *parts: str) -> str:
 def paragraph(text: str, name: str = "") -> str:
     """A paragraph of plain text."""
     return f'<p class="{name}">{html.escape(text)}</p>' if text else ""
-
-
-def listed(lines: Sequence[str], name: str = "") -> str:
-    """A list of plain texts."""
-    inside = "".join(f"<li>{html.escape(line)}</li>" for line in lines)
-    return f'<ul class="{name}">{inside}</ul>' if inside else ""
 
 
 def _first_screen(page: _Page) -> Part:
