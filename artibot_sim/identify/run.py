@@ -43,7 +43,7 @@ from artibot_sim.identify.currents import SCALE, SCALE_PRIOR, counts_currents, c
 from artibot_sim.identify.judgement import FittedMotion, estimates, motion_of, overall, weakest
 from artibot_sim.identify.problems import enough_of, problem_of
 from artibot_sim.identify.requested import parameter_set
-from artibot_sim.identify.result import Estimate, FitStatus, Identification
+from artibot_sim.identify.result import Estimate, FitStatus, Identification, number
 from artibot_sim.identify.validation import PredictedRecording, channel_fits, hold_out, late_poses
 from artibot_sim.model import Robot
 from artibot_sim.progress import Report
@@ -411,7 +411,7 @@ def _result(
     names = [e.name for e in recordings]
     return Identification(
         identified_robot(parameters, all_, names), all_, curvature.covariance / np.outer(sd, sd),
-        f"{text} (to {100 * share:.2g} % of its prior's width)", status, message, tuple(names), len(problem),
+        f"{text} (to {number(100 * share, 2)} % of its prior's width)", status, message, tuple(names), len(problem),
         sum(len(w) for w in problem.windows), channel_fits(problem.windows, found.point.residuals, levels),
         remarks=tuple(remarks), search=found.report,
     )  # fmt: skip

@@ -228,20 +228,21 @@ def page_of_document(document: Mapping[str, Any], path: pathlib.Path) -> bytes:
 
 
 def _intervals(estimates: Sequence[Estimate]) -> Panel:
-    """Values with their intervals, over the middles of their priors."""
+    """Values with their intervals beside their priors, in the priors' standard deviations."""
     place = np.arange(1.0, len(estimates) + 1.0)
-    middle = np.array([e.prior[0] for e in estimates])
-    ends = np.array([e.ci95 for e in estimates]) / middle[:, None]
+    middle, sd = np.array([e.prior for e in estimates]).T
+    ends = (np.array([e.ci95 for e in estimates]) - middle[:, None]) / sd[:, None]
     bars = np.column_stack([ends, np.full(len(estimates), np.nan)]).ravel()
-    x = np.repeat(place, 3)
-    values = np.array([e.value for e in estimates]) / middle
+    values = (np.array([e.value for e in estimates]) - middle) / sd
     lines = (
-        Line("95 % interval", "95 % interval", None, x, bars, _PREDICTED),
-        Line("value", "value", None, place, values, Stroke(TRUE, 6.0, "points")),
+        Line("prior", "prior", None, np.zeros(2), np.array([0.5, len(estimates) + 0.5]), _NOISE),
+        Line("95 % interval", "95 % interval", None, bars, np.repeat(place, 3), _PREDICTED),
+        Line("value", "value", None, values, place, Stroke(TRUE, 6.0, "points")),
     )
     return Panel(
-        "parameters", "Parameters over the middles of their priors", ("parameter", "-"), ("value", "of the prior"),
-        lines, (Level("prior", 1.0, _NOISE),), names=tuple(e.name for e in estimates),
+        "parameters", "Parameters beside what was known before",
+        ("value − prior", "prior's σ"), ("parameter", "-"),
+        lines, names=tuple(e.name.removeprefix("effects.") for e in estimates),
     )  # fmt: skip
 
 

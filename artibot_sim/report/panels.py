@@ -114,7 +114,7 @@ class Panel:
     part : str
         Which part of a page it stands in; empty for the charts that every page begins with.
     names : tuple of str
-        Of the places 1, 2, … along x, where these are no numbers.
+        Of the places 1, 2, … from the top down along y, where these are no numbers.
     """
 
     key: str
@@ -157,13 +157,13 @@ class Panel:
 
     @property
     def x_label(self) -> str:
-        """Quantity and unit, as written under the axis; empty where names are."""
-        return "" if self.names else f"{self.x[0]} ({self.x[1]})"
+        """Quantity and unit, as written under the axis."""
+        return f"{self.x[0]} ({self.x[1]})"
 
     @property
     def y_label(self) -> str:
-        """Quantity and unit, as written beside the axis."""
-        return f"{self.y[0]} ({self.y[1]})"
+        """Quantity and unit, as written beside the axis; empty where names are."""
+        return "" if self.names else f"{self.y[0]} ({self.y[1]})"
 
 
 @dataclass(frozen=True, eq=False)

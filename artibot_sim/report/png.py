@@ -136,9 +136,6 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
     if len(panel.starts):
         axes.plot(*panel.starts.T, "o", ms=6, mfc=style.PAPER, mec=style.INK, mew=1.4, label="start", zorder=5)
     axes.set_xlabel(panel.x_label)
-    if panel.names:
-        axes.set_xticks(range(1, len(panel.names) + 1), panel.names, rotation=30, ha="right")
-        axes.set_xlim(0.5, len(panel.names) + 0.5)
     axes.set_ylabel(panel.y_label)
     columns = len(spec.colspan) if (spec := axes.get_subplotspec()) is not None else 2
     axes.set_title(textwrap.fill(panel.title, _TITLE * columns))
@@ -149,6 +146,9 @@ def draw_panel(axes: Axes, panel: Panel) -> None:
             axes.set_xlim(*constant)
     if (constant := constant_range(*axes.dataLim.intervaly)) is not None:
         axes.set_ylim(*constant)
+    if panel.names:
+        axes.set_yticks(range(1, len(panel.names) + 1), panel.names)
+        axes.set_ylim(len(panel.names) + 0.5, 0.5)
 
 
 def line_style(stroke: style.Stroke) -> dict[str, Any]:

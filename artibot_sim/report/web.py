@@ -169,15 +169,15 @@ def _layout(panel: Panel, time_span: tuple[float, float]) -> dict[str, Any]:
         y |= {"range": _span([corners[:, 1]], 0.05), "scaleanchor": "x", "scaleratio": 1, "showline": True}
     else:
         x |= {"range": _span([np.array(time_span)] if panel.timed else [line.x for line in panel.lines])}
-        if panel.names:
-            places = list(range(1, len(panel.names) + 1))
-            x |= {"range": [0.5, places[-1] + 0.5], "tickvals": places, "ticktext": list(panel.names)}
         if (constant := constant_range(*extent([line.y for line in panel.lines]))) is not None:
             y |= {"range": list(constant)}
+    if panel.names:
+        places = list(range(1, len(panel.names) + 1))
+        y |= {"range": [places[-1] + 0.5, 0.5], "tickvals": places, "ticktext": list(panel.names)}
     return {
         "font": {"family": style.WEB_FONTS, "size": 13, "color": style.INK}, "paper_bgcolor": style.PAPER,
         "plot_bgcolor": style.PAPER, "margin": {"l": 56, "r": 12, "t": 8, "b": 44}, "autosize": True,
-        "hovermode": "closest" if panel.equal else "x unified", "xaxis": x, "yaxis": y,
+        "hovermode": "closest" if panel.equal or panel.names else "x unified", "xaxis": x, "yaxis": y,
         "legend": {"orientation": "h", "x": 0, "xanchor": "left", "y": 1.01, "yanchor": "bottom",
                    "groupclick": "togglegroup", "tracegroupgap": 0},
         "shapes": [

@@ -42,10 +42,14 @@ def test_an_identification_is_drawn_from_its_json(tmp_path: Path, monkeypatch: p
     result = found()
     object.__setattr__(result, "correlation", np.eye(1))
     (tmp_path / "soil.json").write_text(json.dumps(result.as_dict()))
+    about_zero = replace(result.estimates[0], key="y", name="y", prior=(0.0, 0.1))
+    both = replace(result, estimates=(*result.estimates, about_zero))
+    object.__setattr__(both, "correlation", np.eye(2))
+    (tmp_path / "soil.json").write_text(json.dumps(both.as_dict()))
     assert main(["report", "soil.json"]) == 0
     page = (tmp_path / "soil.html").read_text()
     assert all(line in page for prediction in result.predictions for line in prediction_lines(prediction))
-    for said in ("k_l: a note", "a remark", "identified from run0", "2650", "Parameters over the middles"):
+    for said in ("k_l: a note", "a remark", "identified from run0", "2650", "Parameters beside what was known"):
         assert said in page
 
 
