@@ -179,7 +179,9 @@ VARIES_SHARE = Number(
 )  # fmt: skip
 
 FORCE_NATS = Number(
-    30.0, "nats", "what a force on no list gains at least on windows it was not fitted to", FORCES,
+    30.0, "nats",
+    "what a force on no list gains at least on windows it was not fitted to; what whole windows promise at least of a "
+    "law, or it does not compete with effects that leave noise alone", FORCES,
     "no: it is asked for only where more than noise is left, which nothing hidden never did; of 24 such cases one has "
     "more than this",
 )  # fmt: skip
