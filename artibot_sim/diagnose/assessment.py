@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 from artibot_sim.diagnose.candidates.patches import disc_place
 from artibot_sim.diagnose.commands.view import CommandView, view_with
-from artibot_sim.diagnose.conclusion import HeldOut, shows_forces
+from artibot_sim.diagnose.conclusion import HeldOut
 from artibot_sim.diagnose.extended import found_parameters, robot_of
 from artibot_sim.diagnose.intervals import Uncertain, judged
 from artibot_sim.diagnose.records import ChannelBaseline, Comparison, EffectEstimate, Options
-from artibot_sim.diagnose.remains import COMMANDED, remains
+from artibot_sim.diagnose.remains import COMMANDED, remains, shows_forces
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.timetable import Task, Timetable
 from artibot_sim.diagnose.unlisted.fitting import FittedLaws
@@ -201,7 +201,7 @@ def _beside_varying(
 
     Forces tell varying ground from effects by themselves.
     """
-    if not (decision.fitted and pairs) or shows_forces(decision):
+    if not (decision.fitted and pairs) or shows_forces(decision.problem):
         return None
     without = decision.neutral_problem, decision.neutral_fit, [pair.before for pair in pairs]
     with_them = decision.problem, decision.fit, [pair.after for pair in pairs]

@@ -13,11 +13,11 @@ from artibot_sim.diagnose.policy import MINOR_COMMANDS, MOST_EFFECTS
 from artibot_sim.diagnose.records import ChannelGain, SlowResidual
 from artibot_sim.diagnose.remains import (
     COMMANDED,
-    FORCES,
     beyond_noise,
     far_beyond_noise,
     leaves_more_than_noise,
     remains,
+    shows_forces,
 )
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.per_recording import ByRecording, fitted_by_recording
@@ -268,19 +268,19 @@ class MotionFacts:
         if question == "held out":
             return self.held.fact(decision)
         if question == "forces":
-            return "yes" if shows_forces(decision) else "no"
+            return "yes" if shows_forces(decision.problem) else "no"
         if question == "sure":
             return "yes" if self.held.sure else "no"
         assert question == "left without"
         return "more" if self._contradiction is not None else size_of(self._without_left)
 
     def laws_explain(self) -> bool:
-        """Whether laws leave noise alone where effects leave far more, in models with no more terms than these have.
+        """Whether laws leave noise alone where effects leave more, in models with no more terms than these have.
 
         More effects would have to explain as much with more terms. So no more of them are looked for.
         """
         found = self._decision
-        if far_beyond_noise(found.left) and self._laws_compete:
+        if leaves_more_than_noise(found.left) and self._laws_compete:
             self._instead = self._by_laws(self._explanations.best(len(found.fitted)))
         return self._instead is not None
 
@@ -405,7 +405,7 @@ class MotionFacts:
         Where nothing measures forces, all that bends poses is a force: a lever arm is one to the side that follows the
         yaw rate.
         """
-        return not self._decision.fitted or shows_forces(self._decision)
+        return not self._decision.fitted or shows_forces(self._decision.problem)
 
     @cached_property
     def _changes(self) -> bool:
@@ -493,11 +493,6 @@ class CommandFacts:
         robot = self._found.problem.parameters.robot_at(self._found.fit.point.coordinates)
         stated = {one.effect: {name: found.value for name, found in one.found.items()} for one in named if one.found}
         return replace(robot, effects={**robot.effects, **stated})
-
-
-def shows_forces(decision: Decision) -> bool:
-    """Whether anything was measured in which a force on no list would show."""
-    return any(series.channel in FORCES for stretch in decision.problem.stretches for series in stretch.series)
 
 
 def size_of(left: Mapping[str, SlowResidual]) -> str:

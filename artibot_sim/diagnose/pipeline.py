@@ -12,7 +12,7 @@ import numpy as np
 from artibot_sim.cluster import identity
 from artibot_sim.diagnose.assessment import Assessment, Assessor, Parameters
 from artibot_sim.diagnose.commands.view import CommandView, command_view
-from artibot_sim.diagnose.conclusion import AboutMotion, Conclusion, Withdrawal, concluded, shows_forces
+from artibot_sim.diagnose.conclusion import AboutMotion, Conclusion, Withdrawal, concluded
 from artibot_sim.diagnose.extended import with_effects_of
 from artibot_sim.diagnose.holdout import distinctly_named, split
 from artibot_sim.diagnose.next_experiment.choice import next_experiment, next_for_force, one_by_one, repeated
@@ -28,7 +28,14 @@ from artibot_sim.diagnose.records import (
     Options,
     Unexplained,
 )
-from artibot_sim.diagnose.remains import COMMANDED, beyond_noise, far_beyond_noise, leaves_more_than_noise, remains
+from artibot_sim.diagnose.remains import (
+    COMMANDED,
+    beyond_noise,
+    far_beyond_noise,
+    leaves_more_than_noise,
+    remains,
+    shows_forces,
+)
 from artibot_sim.diagnose.result import Diagnosis
 from artibot_sim.diagnose.selection.decision import Decision
 from artibot_sim.diagnose.selection.every_window import EveryWindow, affordable, every_window
@@ -332,7 +339,7 @@ def _besides(found: Conclusion) -> list[str]:
         channels = tuple(name for name in channels if name == COMMANDED)
     if decision.verdict is Verdict.UNEXPLAINED or not (decision.named and channels):
         return []
-    return [besides([one.effect for one in decision.ordered], channels, shows_forces(decision))]
+    return [besides([one.effect for one in decision.ordered], channels, shows_forces(decision.problem))]
 
 
 def _fewer(searched: int, usual: int) -> list[str]:

@@ -31,6 +31,12 @@ LIMITS: Mapping[str, float] = {
 """By channel: mean square of averaged residuals above which more than noise is left; 1 is white noise and what noise of
 the rotations makes there."""
 
+
+def shows_forces(problem: Problem) -> bool:
+    """Whether anything was measured in which a force on no list would show."""
+    return any(series.channel in FORCES for stretch in problem.stretches for series in stretch.series)
+
+
 _MEMORY = 3.0
 """Relaxation lengths after which a tyre has forgotten the force with which a window took it to begin."""
 

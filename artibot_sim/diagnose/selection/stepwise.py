@@ -10,7 +10,7 @@ from functools import partial
 from artibot_sim.diagnose.candidates.patches import on_best_disc
 from artibot_sim.diagnose.commands.view import CommandView
 from artibot_sim.diagnose.records import Options
-from artibot_sim.diagnose.remains import far_beyond_noise, leaves_more_than_noise, remains
+from artibot_sim.diagnose.remains import leaves_more_than_noise, remains, shows_forces
 from artibot_sim.diagnose.selection.decision import Decision, Named
 from artibot_sim.diagnose.selection.elimination import Removal, removal_of, superfluous, with_soil_searched
 from artibot_sim.diagnose.selection.every_window import EveryWindow, rivals_for_every_window
@@ -22,6 +22,7 @@ from artibot_sim.diagnose.selection.ridge_search import at_size
 from artibot_sim.diagnose.selection.selected import SelectedModel
 from artibot_sim.diagnose.sizes import sized
 from artibot_sim.diagnose.timetable import Task, TimeLimit, Timetable
+from artibot_sim.diagnose.unlisted.fitting import promise
 from artibot_sim.estimation.loss import Loss
 from artibot_sim.estimation.parallel import side_by_side
 from artibot_sim.estimation.problem import Problem
@@ -34,8 +35,6 @@ _THOROUGH = "fitting every effect to the end"
 _LEAVING_OUT = "leaving out each effect that was found"
 _SOIL = "another soil beside what was found"
 """Searches, as warnings say that there was no time for them."""
-_BEFORE_LAWS = 2
-"""Effects that are looked for before laws are: what one of the list leaves may be another one of it."""
 _BETTER = 100.0
 """Nats by which a search must better its own baseline, and by more than what it finds is worth, to be made again."""
 
@@ -85,8 +84,9 @@ class StepwiseSelection:
         All windows, where `problem` has some of them: what the search does not name is judged by them, and they have
         the last word on the sizes of what is named.
     explained : callable, optional
-        Whether laws explain the recordings, with no more terms than a decision has effects, which leave far more than
-        noise. It is asked once, of the first two: then the search is over.
+        Whether laws explain the recordings, with no more terms than a decision has effects, which leave more than
+        noise: then the search is over. It is asked once, where whole windows promise more of a law than the last effect
+        gained.
     """
 
     def __init__(
@@ -240,18 +240,23 @@ class StepwiseSelection:
         if only_commanded:
             self._stages[-1] = self._weighed(self._found)
             return
-        self._search_soil()
+        self._ask_laws(best)
+        if self._end is None:
+            self._search_soil()
         further = f"further effects beside {best.effect.replace('_', ' ')}"
-        self._ask_laws()
         if not self._full() and not self._time.lacks(further):
             self._search_next(further)
 
-    def _ask_laws(self) -> None:
-        """Ask once whether laws explain what the first effects leave far more than noise of: then that was the end."""
-        model, asked = self._model, self._explained
-        if asked is None or len(model.fitted) < _BEFORE_LAWS:
+    def _ask_laws(self, best: Named) -> None:
+        """Ask once whether laws explain it all, where they promise more than the effect that was found: the end if so.
+
+        What whole windows promise of laws, and what the effect gained, is both held against the model without it.
+        """
+        model, asked, before = self._model, self._explained, self._found
+        if asked is None or not shows_forces(model.problem):
             return
-        if far_beyond_noise(remains(model.problem, model.fit.point)):
+        left = leaves_more_than_noise(remains(model.problem, model.fit.point))
+        if left and promise(before.problem, before.fit) > best.nats:
             self._explained, decision = None, self.decision()
             self._end = decision if asked(decision) else None
 

@@ -119,27 +119,29 @@ def test_errors_of_sensors_take_none_of_the_searches(monkeypatch: pytest.MonkeyP
     assert [one.effect for one in found.named] == ["gyro_bias", "pose_lever_arm", "slope"]
 
 
-@pytest.mark.parametrize("left", [True, False])
-@pytest.mark.parametrize("laws", [True, False])
-def test_no_more_effects_are_looked_for_once_laws_explain_what_two_leave_far_more_than_noise_of(
-    monkeypatch: pytest.MonkeyPatch, laws: bool, left: bool
+@pytest.mark.parametrize(
+    ("left", "nats", "laws"), [(True, 2e3, True), (True, 2e3, False), (True, 500.0, True), (False, 2e3, True)]
+)
+def test_no_more_effects_are_looked_for_once_laws_explain_what_one_leaves_that_gained_less_than_they_promise(
+    monkeypatch: pytest.MonkeyPatch, left: bool, nats: float, laws: bool
 ) -> None:
-    """Laws are asked once, of the first two. What only commands show is named all the same, and beside it no fit is."""
+    """Laws are asked once. What only commands show is named all the same, for it takes no search."""
     motion, commanded = ("slope", "payload", "joint_damping"), "command_delay"
     robot = load_robot("agriq")
     hidden = case((), seed=3, runs=1, held_out=0, duration=10.0)
     search_nothing(monkeypatch)
     monkeypatch.setattr(stepwise, "_with_effect", lambda problem, fit, *_: (problem, fit))
-    monkeypatch.setattr(stepwise, "leaves_more_than_noise", lambda _: False)
-    monkeypatch.setattr(stepwise, "far_beyond_noise", lambda _: left)
+    monkeypatch.setattr(stepwise, "leaves_more_than_noise", lambda _: left)
+    monkeypatch.setattr(stepwise, "promise", lambda *_: nats)
     monkeypatch.setattr(stepwise, "superfluous", lambda *_: None)
+    for name in ("_search_soil", "_thorough", "_drop_from_commands"):
+        monkeypatch.setattr(stepwise.StepwiseSelection, name, lambda _: None)
 
     def made_up(evidence: object, fitted: object, commands: object, least: float, thresholds: Thresholds,
                 without: Collection[str] = (), tried: Collection[str] = ()) -> Named | None:  # fmt: skip
         return next((Named(one, 1e3, ()) for one in (*motion, commanded) if one not in without), None)
 
     monkeypatch.setattr(stepwise, "best_of", made_up)
-    monkeypatch.setattr(stepwise.StepwiseSelection, "_drop_from_commands", lambda _: False)
     problem, fit = as_in_the_file(hidden.recordings, robot)
     asked: list[list[str]] = []
 
@@ -149,8 +151,9 @@ def test_no_more_effects_are_looked_for_once_laws_explain_what_two_leave_far_mor
 
     options, view = Options(), command_view(hidden.recordings, robot)
     found = stepwise.StepwiseSelection(problem, fit, options, Timetable(), view, None, explained).decide()
-    assert asked == ([["slope", "payload"]] if left else [])
-    named = motion[:2] if laws and left else motion
+    promised = left and nats > 1e3
+    assert asked == ([["slope"]] if promised else [])
+    named = motion[:1] if promised and laws else motion
     assert [one.effect for one in found.named] == [*named, commanded]
 
 
