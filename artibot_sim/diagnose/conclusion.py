@@ -231,7 +231,7 @@ class AboutMotion:
         """The facts about a decision; one of the models of the last has these explained as they are."""
         if self._last is None or self._last.fits is not found.fits:
             self._last = MotionFacts(found, self._judge, self._explain)
-        else:
+        elif not self._last.is_of(found):
             self._last = self._last.about(found)
         return self._last
 
@@ -247,6 +247,10 @@ class MotionFacts:
     def fits(self) -> tuple[tuple[Problem, Fit], ...]:
         """The decision's models."""
         return self._found.fits
+
+    def is_of(self, found: Decision) -> bool:
+        """Whether these are the facts about this very decision."""
+        return self._found is found
 
     def about(self, found: Decision) -> MotionFacts:
         """Facts about another decision of the same models."""

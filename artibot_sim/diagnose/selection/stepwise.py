@@ -366,6 +366,8 @@ class StepwiseSelection:
         named = tuple(replace(one, found=other[one.effect].found) if one.found else one for one in model.named)
         if self._end is not None:  # only what commands show was asked since
             untried = tuple(self._time.untried)
+            if named == self._end.named:
+                return self._end
             return replace(self._end, named=named, other=other, dropped=model.dropped, untried=untried)
         fits, count = [*model.fits, *self._refitted_from_other_soils()], len(model.fits)
         if self._every is not None and model.fitted:
