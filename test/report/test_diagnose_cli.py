@@ -13,7 +13,7 @@ import pytest
 from diagnose.searches import FEW, try_only
 
 from artibot_sim.cli import main
-from artibot_sim.diagnose import Options, result
+from artibot_sim.diagnose import Options
 from artibot_sim.experiment import write_channels
 from artibot_sim.identify.synthetic import synthetic
 from artibot_sim.model import load_robot
@@ -21,6 +21,7 @@ from artibot_sim.model.effects import EFFECTS
 from artibot_sim.planning import Arc, Dwell, Manoeuvre, Ramp, Slalom, Stop
 from artibot_sim.report.diagnosis.files import load
 from artibot_sim.report.diagnosis.page import page_of
+from artibot_sim.report.diagnosis.sentences import headline
 from artibot_sim.version import __version__
 
 TURNS = Manoeuvre(
@@ -63,7 +64,7 @@ def test_a_diagnosis_is_a_whole_folder(
     assert load_robot(out / "extended.yaml").contact.k_l == found.extended.contact.k_l
     assert not load_robot(out / "baseline.yaml").effects
     printed = " ".join(capsys.readouterr().out.split())
-    assert result.headline(found) in printed and "report.html" in printed
+    assert headline(found) in printed and "report.html" in printed
     assert main(["report", str(out)]) == 0
 
 
