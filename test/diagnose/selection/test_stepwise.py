@@ -95,24 +95,26 @@ def test_what_commands_asked_for_is_taken_back_beside_what_explains_it(monkeypat
     assert [one.effect for one in none_fitted.named] == [truth]
 
 
-def test_errors_of_sensors_take_none_of_the_searches(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One effect is allowed: searches are over with the first that is none of a sensor, however many these name.
-
-    What evidence there is, is made up, and effects are named as they are, without a fit.
-    """
-    worth = ("gyro_bias", "pose_lever_arm", "slope", "encoder_scale", "payload")
-    robot = load_robot("agriq")
-    hidden = case((), seed=3, runs=1, held_out=0, duration=10.0)
-    search_nothing(monkeypatch)
-    monkeypatch.setattr(stepwise, "_with_effect", lambda problem, fit, *_: (problem, fit))
-    monkeypatch.setattr(stepwise, "leaves_more_than_noise", lambda left: False)
-    monkeypatch.setattr(stepwise, "superfluous", lambda *_: None)
+def name_in_turn(monkeypatch: pytest.MonkeyPatch, worth: Sequence[str]) -> None:
+    """Evidence is made up for these, the first one first; they are named as they are, without a fit, and all needed."""
 
     def made_up(evidence: object, fitted: object, commands: object, least: float, thresholds: Thresholds,
                 without: Collection[str] = (), tried: Collection[str] = ()) -> Named | None:  # fmt: skip
         return next((Named(one, 1e3, ()) for one in worth if one not in without), None)
 
+    search_nothing(monkeypatch)
     monkeypatch.setattr(stepwise, "best_of", made_up)
+    monkeypatch.setattr(stepwise, "_with_effect", lambda problem, fit, *_: (problem, fit))
+    monkeypatch.setattr(stepwise, "superfluous", lambda *_: None)
+
+
+def test_errors_of_sensors_take_none_of_the_searches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One effect is allowed: searches are over with the first that is none of a sensor, however many these name."""
+    worth = ("gyro_bias", "pose_lever_arm", "slope", "encoder_scale", "payload")
+    robot = load_robot("agriq")
+    hidden = case((), seed=3, runs=1, held_out=0, duration=10.0)
+    name_in_turn(monkeypatch, worth)
+    monkeypatch.setattr(stepwise, "leaves_more_than_noise", lambda left: False)
     problem, fit = as_in_the_file(hidden.recordings, robot)
     options, view = Options(thresholds=replace(THRESHOLDS, most=1)), command_view(hidden.recordings, robot)
     found = stepwise.StepwiseSelection(problem, fit, options, Timetable(), view).decide()
@@ -129,19 +131,11 @@ def test_no_more_effects_are_looked_for_once_laws_explain_what_one_leaves_that_g
     motion, commanded = ("slope", "payload", "joint_damping"), "command_delay"
     robot = load_robot("agriq")
     hidden = case((), seed=3, runs=1, held_out=0, duration=10.0)
-    search_nothing(monkeypatch)
-    monkeypatch.setattr(stepwise, "_with_effect", lambda problem, fit, *_: (problem, fit))
+    name_in_turn(monkeypatch, (*motion, commanded))
     monkeypatch.setattr(stepwise, "leaves_more_than_noise", lambda _: left)
     monkeypatch.setattr(stepwise, "promise", lambda *_: nats)
-    monkeypatch.setattr(stepwise, "superfluous", lambda *_: None)
     for name in ("_search_soil", "_thorough", "_drop_from_commands"):
         monkeypatch.setattr(stepwise.StepwiseSelection, name, lambda _: None)
-
-    def made_up(evidence: object, fitted: object, commands: object, least: float, thresholds: Thresholds,
-                without: Collection[str] = (), tried: Collection[str] = ()) -> Named | None:  # fmt: skip
-        return next((Named(one, 1e3, ()) for one in (*motion, commanded) if one not in without), None)
-
-    monkeypatch.setattr(stepwise, "best_of", made_up)
     problem, fit = as_in_the_file(hidden.recordings, robot)
     asked: list[list[str]] = []
 
